@@ -138,7 +138,7 @@ def simulate(
     from sysid.problem.free_run import free_run, start_read_alike
     from sysid.signals.record import OUTPUTS, STATES
     from sysid.validation.held_out import comparison
-    from sysid.validation.servo_replay import as_moved
+    from sysid.validation.servo_replay import with_estimated_deflections
 
     if restart_s is not None and restart_s <= 0.0:
         raise FlightModelError(f"restart_s is {restart_s:g}; give seconds above 0, or None")
@@ -148,7 +148,7 @@ def simulate(
     errors: dict[str, tuple[float, float, str]] = {}
     if isinstance(model, Identification) and model.posterior is not None:
         errors = dict(model.posterior.sensor_errors())
-        (prepared,) = as_moved([prepared], [read.signals], vehicle, model.posterior)
+        (prepared,) = with_estimated_deflections([prepared], [read.signals], vehicle, model.posterior)
         vehicle = as_estimated(vehicle, model.posterior.of_aircraft())
     elif isinstance(model, Identification):
         entries = model.result["sensor_errors"].items()

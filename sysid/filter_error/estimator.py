@@ -17,7 +17,7 @@ from sysid.arrays import Array
 from sysid.errors import EstimationError
 from sysid.filter_error.initial_noise import followed, follows, settled_path
 from sysid.filter_error.joint_score import ScoredPoint, TrialPoint, joint_scores
-from sysid.filter_error.linearised_flight import FilteredFlight, Linear, Pass
+from sysid.filter_error.linearised_flight import FilteredFlight, LinearisedRecord, Pass
 from sysid.filter_error.noise_scoring import FAINT, SEARCH_S, NoiseParameters, likeliest_noise, surroundings
 from sysid.numerics.dryden import Turbulence
 from sysid.numerics.gaussian import Gaussian
@@ -176,7 +176,7 @@ class FilterError(FilteredFlight):
 
     def _begun(
         self, theta: Array, turbulence: Turbulence, search_s: float, near: FilterErrorResult | None
-    ) -> tuple[Array, list[Linear], Pass, Turbulence]:
+    ) -> tuple[Array, list[LinearisedRecord], Pass, Turbulence]:
         """Noise (m,), linearised records, filter pass and turbulence to start from."""
         if near is None:
             first, linear, found = followed(self, theta, turbulence)
@@ -324,7 +324,7 @@ class FilterError(FilteredFlight):
         step = damped_step(information, downhill, damping, self.records[0].flight)
         return step, inverse(information)
 
-    def _calm_cost(self, linear: Sequence[Linear], noise: Array, theta: Array) -> float:
+    def _calm_cost(self, linear: Sequence[LinearisedRecord], noise: Array, theta: Array) -> float:
         """Cost without turbulence, the noise of the outputs and the parameters as that needs them."""
         cost = np.inf
         for _ in range(6):

@@ -12,7 +12,7 @@ import numpy as np
 
 from sysid.arrays import Array
 from sysid.errors import EstimationError
-from sysid.filter_error.linearised_flight import FilteredFlight, Linear, Pass
+from sysid.filter_error.linearised_flight import FilteredFlight, LinearisedRecord, Pass
 from sysid.numerics.dryden import Turbulence
 
 # Factors on the noise variances, tried in turn.
@@ -25,7 +25,7 @@ _ROUNDS = 3
 
 def settled_path(
     flight: FilteredFlight, theta: Array, noise: Array, turbulence: Turbulence
-) -> tuple[list[Linear], Pass]:
+) -> tuple[list[LinearisedRecord], Pass]:
     """Linearise where this model's own filter runs: a reconstruction is not there.
 
     Parameters
@@ -53,7 +53,9 @@ def settled_path(
     return linear, flight.filtered(linear, noise, turbulence)
 
 
-def followed(flight: FilteredFlight, theta: Array, turbulence: Turbulence) -> tuple[Array, list[Linear], Pass]:
+def followed(
+    flight: FilteredFlight, theta: Array, turbulence: Turbulence
+) -> tuple[Array, list[LinearisedRecord], Pass]:
     """Noise variances (m,), linearised records and filter pass with which the filter follows the flight.
 
     Raises EstimationError where it follows with no noise tried.
@@ -78,8 +80,13 @@ def followed(flight: FilteredFlight, theta: Array, turbulence: Turbulence) -> tu
 
 
 def _with_less_noise(
-    flight: FilteredFlight, theta: Array, turbulence: Turbulence, noise: Array, linear: list[Linear], found: Pass
-) -> tuple[Array, list[Linear], Pass]:
+    flight: FilteredFlight,
+    theta: Array,
+    turbulence: Turbulence,
+    noise: Array,
+    linear: list[LinearisedRecord],
+    found: Pass,
+) -> tuple[Array, list[LinearisedRecord], Pass]:
     """Noise, linearised records and pass brought towards what the innovations show, as far as the filter follows."""
     for _ in range(_ROUNDS):
         followed_so_far = [path.copy() for path in flight.paths]

@@ -67,7 +67,7 @@ _GPS_NOISE = 0.1  # m/s; too few samples to read it off them
 
 
 @dataclass(frozen=True)
-class Linear:
+class LinearisedRecord:
     """A record linearised about its path; gusts still as body-axis velocities, scaled in by `_pass`."""
 
     drift: Array  # (N - 1, nf)
@@ -136,11 +136,11 @@ class FilteredFlight:
             found.append(max(float(np.median(sigma)) if sigma else 0.0, _FLOOR.get(name, _LOWEST_NOISE)) ** 2)
         return np.array(found)
 
-    def all_linearised(self, theta: Array, slopes: bool = True) -> list[Linear]:
+    def all_linearised(self, theta: Array, slopes: bool = True) -> list[LinearisedRecord]:
         """All records about their paths at parameters theta (P,), side by side; without slopes if not `slopes`."""
         return side_by_side(lambda k: self.linearised(k, theta, slopes), range(len(self.records)))
 
-    def linearised(self, k: int, theta: Array, slopes: bool = True) -> Linear:
+    def linearised(self, k: int, theta: Array, slopes: bool = True) -> LinearisedRecord:
         """A record about its path at parameters theta (P,); without their slopes if not `slopes`."""
         record, path, free = self.records[k], self.paths[k], self.free[k]
         flat, errors = self.predictor.apply(theta)
@@ -178,7 +178,7 @@ class FilteredFlight:
                 read_theta[:, :, i] = (there[1] - y) * gains / h
         read_x *= gains[None, :, None]
         memory = remember(lags(flat.E, record.interval_s), self.columns, record.z, read_x, read_theta, places)
-        return Linear(
+        return LinearisedRecord(
             drift=apart(ahead, path.before[1:])[:, free],
             step_x=step_x,
             step_theta=step_theta,
@@ -193,7 +193,7 @@ class FilteredFlight:
             unread=never.sum(axis=0)[self.columns],
         )
 
-    def widened(self, k: int, one: Linear, theta: Array, others: Sequence[PackedModel]) -> Linear:
+    def widened(self, k: int, one: LinearisedRecord, theta: Array, others: Sequence[PackedModel]) -> LinearisedRecord:
         """`one` with a column more for each other model: how its steps and readings differ along the same path."""
         flat, errors = self.predictor.apply(theta)
         thrust, gains = self._thrust(k, errors), error_gains(errors)
@@ -308,7 +308,7 @@ class FilteredFlight:
             return ahead, y - delay_measurements(record, effects, whole)
         return ahead, delay_prediction(y, effects, whole)
 
-    def system(self, k: int, one: Linear, turbulence: Turbulence) -> System:
+    def system(self, k: int, one: LinearisedRecord, turbulence: Turbulence) -> System:
         """The linear system of a record in these gusts."""
         record, path, nf, axes = self.records[k], self.paths[k], self.free[k].size, self.axes[k]
         n, m = one.left.shape
@@ -346,7 +346,9 @@ class FilteredFlight:
         middle = np.zeros(system.drift.shape[1] - nf - rest.size)
         return _begun_at(system, np.concatenate((begin, middle, rest)))
 
-    def filtered(self, linear: Sequence[Linear], noise: Array, turbulence: Turbulence, wanted: bool = True) -> Pass:
+    def filtered(
+        self, linear: Sequence[LinearisedRecord], noise: Array, turbulence: Turbulence, wanted: bool = True
+    ) -> Pass:
         """One filter pass over all records; with information and slopes if `wanted`."""
         count = linear[0].step_theta.shape[2]
         total = Pass(0.0, np.zeros((count, count)), np.zeros(count), [], [], [], [], [], [])

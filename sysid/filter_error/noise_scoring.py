@@ -9,7 +9,7 @@ import numpy as np
 
 from sysid.arrays import Array
 from sysid.filter_error.kalman import variance_gradient, variance_pass
-from sysid.filter_error.linearised_flight import FilteredFlight, Linear
+from sysid.filter_error.linearised_flight import FilteredFlight, LinearisedRecord
 from sysid.numerics.dryden import DEFAULT_LENGTH_M, Turbulence
 
 FAINT = 0.003  # m/s, below any sensor
@@ -66,7 +66,11 @@ def surroundings(flight: FilteredFlight) -> NoiseParameters:
 
 
 def likeliest_noise(
-    flight: FilteredFlight, linear: Sequence[Linear], noise: Array, turbulence: Turbulence, search_s: float = SEARCH_S
+    flight: FilteredFlight,
+    linear: Sequence[LinearisedRecord],
+    noise: Array,
+    turbulence: Turbulence,
+    search_s: float = SEARCH_S,
 ) -> tuple[Array, Turbulence]:
     """Noise variances (m,) and turbulence of greatest likelihood about the same paths, by scoring.
 
@@ -120,7 +124,11 @@ def _curved(curvature: Array, step: Array, bent: Array) -> Array:
 
 
 def _gradient(
-    flight: FilteredFlight, linear: Sequence[Linear], eta: Array, known: NoiseParameters, turbulence: Turbulence
+    flight: FilteredFlight,
+    linear: Sequence[LinearisedRecord],
+    eta: Array,
+    known: NoiseParameters,
+    turbulence: Turbulence,
 ) -> tuple[float, Array]:
     """Log likelihood and gradient of the logarithms of noise variances and turbulence."""
     likelihood, gradient = 0.0, np.zeros(eta.size)
@@ -131,7 +139,11 @@ def _gradient(
 
 
 def _scores(
-    flight: FilteredFlight, linear: Sequence[Linear], eta: Array, known: NoiseParameters, turbulence: Turbulence
+    flight: FilteredFlight,
+    linear: Sequence[LinearisedRecord],
+    eta: Array,
+    known: NoiseParameters,
+    turbulence: Turbulence,
 ) -> tuple[float, Array, Array]:
     """Log likelihood, gradient and information of the logarithms of noise variances and turbulence."""
     likelihood, gradient, information = 0.0, np.zeros(eta.size), np.zeros((eta.size, eta.size))
@@ -142,7 +154,11 @@ def _scores(
 
 
 def _arguments(
-    flight: FilteredFlight, linear: Sequence[Linear], eta: Array, known: NoiseParameters, turbulence: Turbulence
+    flight: FilteredFlight,
+    linear: Sequence[LinearisedRecord],
+    eta: Array,
+    known: NoiseParameters,
+    turbulence: Turbulence,
 ) -> Iterator[tuple[Array, ...]]:
     """What the passes of `sysid.filter_error.kalman` take, record by record."""
     noise, here = known.values(eta, turbulence)

@@ -28,7 +28,7 @@ from sysid.equation_error.report import regression_report
 from sysid.equation_error.time_domain import equation_error, equation_values, settled_equations
 from sysid.numerics.gaussian import Gaussian
 from sysid.numerics.statistics import without
-from sysid.problem.model_structure import PRIOR_SHARE, REFUSED_SHARE, helpful_manoeuvre, not_believed, usual_size
+from sysid.problem.model_structure import PRIOR_WIDTH, REFUSED_SHARE, helpful_manoeuvre, not_believed, usual_size
 from sysid.signals.flight import FlightData
 from sysid.signals.preparation import Prepared, in_even_air
 from sysid.signals.record import Record
@@ -80,7 +80,7 @@ class _Regression:
 
 def diffuse(names: Sequence[str]) -> Gaussian:
     """As little as is known of any aircraft: it says nothing where the flight says anything."""
-    size = np.array([PRIOR_SHARE * usual_size(name) for name in names])
+    size = np.array([PRIOR_WIDTH * usual_size(name) for name in names])
     return Gaussian(tuple(names), np.zeros(size.size), np.diag(size**2))
 
 

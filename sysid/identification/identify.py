@@ -132,33 +132,33 @@ def identify(
     if method == "map":
         found = _by_posterior(asked, read)
     elif method != "auto":
-        found = _by_the_books(asked, method, read)
+        found = _identify_by_classical_method(asked, method, read)
     elif sensors is None:
-        found = _by_the_flight(asked, read)
+        found = _choose_method(asked, read)
     else:
-        found = _by_the_books(asked, "oe", read)
+        found = _identify_by_classical_method(asked, "oe", read)
     progress(1.0, "done")
     return found
 
 
-def _by_the_flight(asked: Request, read: FlightsRead) -> Identification:
+def _choose_method(asked: Request, read: FlightsRead) -> Identification:
     """`identify` with the method that the flight asks for."""
     from sysid.identification.posterior_method import reconstructed  # slow to import
 
     compatible = reconstructed(read.fitted)
     # Where kinematics see calm air and one motion, the flight may be as the textbooks have them.
     calm = compatible is not None and compatible.compatible and compatible.gust_sigma == 0.0
-    found = _as_of_textbooks(asked.within(0.1, 0.4), read, compatible) if calm else None
+    found = _output_error_if_white(asked.within(0.1, 0.4), read, compatible) if calm else None
     if found is not None:
         return found
     try:
         return _by_posterior(asked.within(0.4 if calm else 0.1, 0.8), read, compatible)
     except DivergedError as error:
-        books = _by_the_books(asked.within(0.8, 1.0), "fe", read)
+        books = _identify_by_classical_method(asked.within(0.8, 1.0), "fe", read)
         return replace(books, warnings=(f"{error}; estimated by filter error", *books.warnings))
 
 
-def _as_of_textbooks(
+def _output_error_if_white(
     asked: Request, read: FlightsRead, compatible: CompatibilityResult | None
 ) -> Identification | None:
     """The estimate by output error; None where it cannot be made, or leaves more than white noise of the sensors."""
@@ -172,7 +172,7 @@ def _as_of_textbooks(
     if any(one.doubt or one.prepared.thrust_source.missing or not has_whole_imu(one.signals) for one in read.fitted):
         return None
     try:
-        books = _by_the_books(asked, "oe", read, compatible)
+        books = _identify_by_classical_method(asked, "oe", read, compatible)
     except SysidError:
         return None
     if books.likeliest is None or books.likeliest.left_over or _pulled(books):
@@ -192,7 +192,7 @@ def _pulled(books: Identification) -> bool:
     )
 
 
-def _by_the_books(
+def _identify_by_classical_method(
     asked: Request, method: str, read: FlightsRead, known: CompatibilityResult | None = None
 ) -> Identification:
     """`identify` with equation error, output error or filter error. known: the flights' data compatibility."""
@@ -229,10 +229,10 @@ def _by_the_books(
 def _by_posterior(asked: Request, read: FlightsRead, known: CompatibilityResult | None = None) -> Identification:
     """`identify` with the method "map". known: the flights' data compatibility, if at hand."""
     from sysid.identification.posterior_method import identify_by_posterior  # slow to import
-    from sysid.posterior.estimates import PRIOR_SHARE
+    from sysid.posterior.estimates import UNINFORMED_RATIO
     from sysid.posterior.nuisance_priors import THRUST_BY_SPEED_STD
     from sysid.posterior.stated_priors import as_estimated
-    from sysid.validation.servo_replay import as_moved
+    from sysid.validation.servo_replay import with_estimated_deflections
 
     vehicle, progress = asked.vehicle, asked.progress
     found = identify_by_posterior(read.fitted, asked, known)
@@ -242,7 +242,7 @@ def _by_posterior(asked: Request, read: FlightsRead, known: CompatibilityResult 
     # Kinematics determine zeros and gains of air data and IMU in air without gusts alone; the estimate has its own.
     errors = {
         **{name: one for name, one in _kinematic_errors(found.compatible).items() if SENSOR_ERRORS[name][0] in _ALONE},
-        **found.estimate.sensor_errors(PRIOR_SHARE),
+        **found.estimate.sensor_errors(UNINFORMED_RATIO),
     }
     mistakes = read.mistakes()
     sentences = [one.sentence for one in mistakes]
@@ -250,8 +250,12 @@ def _by_posterior(asked: Request, read: FlightsRead, known: CompatibilityResult 
     progress(0.88, "validation" if asked.validate_on else "comparison with the measurement")
     judges = [one.prepared for one in read.judges]
     # What the kinematics say of sensors is not what this estimate takes them for.
-    flown = as_moved(found.prepared, found.signals, vehicle, found.estimate)
-    flights = as_moved(judges, [one.signals for one in read.judges], vehicle, found.estimate) if judges else flown
+    flown = with_estimated_deflections(found.prepared, found.signals, vehicle, found.estimate)
+    flights = (
+        with_estimated_deflections(judges, [one.signals for one in read.judges], vehicle, found.estimate)
+        if judges
+        else flown
+    )
     vehicle = as_estimated(vehicle, found.estimate.of_aircraft())
     compared = comparison(flights, vehicle, found.model, found.estimate.sensor_errors(), timing_of(flights, False))
     validation = validation_of(compared) if judges else None
@@ -270,7 +274,7 @@ def _by_posterior(asked: Request, read: FlightsRead, known: CompatibilityResult 
 
 
 @dataclass(frozen=True)
-class _Posed:
+class _ClassicalProblem:
     """Prepared flights with the problem to solve.
 
     start: start values. names: coefficients that the flight moves. refused: those it does not. dead: surfaces that
@@ -289,7 +293,7 @@ class _Posed:
 
 
 @dataclass(frozen=True)
-class _Found:
+class _ClassicalResult:
     """What an estimation found. errors: value, standard error and unit of every sensor error."""
 
     model: Model
@@ -300,7 +304,7 @@ class _Found:
     equations: EquationEstimate | None = None
 
 
-def _pose(asked: Request, prepared: Sequence[Prepared], compatible: CompatibilityResult | None) -> _Posed:
+def _pose(asked: Request, prepared: Sequence[Prepared], compatible: CompatibilityResult | None) -> _ClassicalProblem:
     """compatible: what the data compatibility of the prepared flights is known to be."""
     vehicle, progress, structure = asked.vehicle, asked.progress, asked.structure
     progress(0.10, "data compatibility")
@@ -326,10 +330,10 @@ def _pose(asked: Request, prepared: Sequence[Prepared], compatible: Compatibilit
     names = free_coefficients(list(structure.coefficients), problem.motion)
     carried = () if problem.known is None else problem.known.names
     refused = refuse_unexcited([name for name in structure.coefficients if name not in carried], names, list(dead))
-    return _Posed(asked, prepared, compatible, problem, start, names, refused, warnings, dead)
+    return _ClassicalProblem(asked, prepared, compatible, problem, start, names, refused, warnings, dead)
 
 
-def _by_equations(posed: _Posed) -> _Found:
+def _by_equations(posed: _ClassicalProblem) -> _ClassicalResult:
     problem, compatible = posed.problem, posed.compatible
     equations = estimate_by_equations(
         posed.prepared, posed.asked.vehicle, compatible, posed.names, problem.command_first > 0.0, problem.known,
@@ -338,10 +342,10 @@ def _by_equations(posed: _Posed) -> _Found:
     refused = [*posed.refused, *equations.refused]
     model = equation_model(posed.start, equations, refused, validity_of(posed.prepared, compatible))
     model = with_extra(model, "systematic", equations.systematic)
-    return _Found(model, _kinematic_errors(compatible), refused, equations.warnings, equations=equations)
+    return _ClassicalResult(model, _kinematic_errors(compatible), refused, equations.warnings, equations=equations)
 
 
-def _likeliest(posed: _Posed, method: str) -> MaximumLikelihood:
+def _likeliest(posed: _ClassicalProblem, method: str) -> MaximumLikelihood:
     """The estimate by output error or filter error."""
     asked, compatible = posed.asked, posed.compatible
     progress = asked.within(0.4, 0.85).progress
@@ -358,11 +362,11 @@ def _likeliest(posed: _Posed, method: str) -> MaximumLikelihood:
     )  # fmt: skip
 
 
-def _free_effects(posed: _Posed) -> list[tuple[str, str]]:
+def _free_effects(posed: _ClassicalProblem) -> list[tuple[str, str]]:
     return [(e.name, key) for e in posed.start.effects for key, entry in e.parameters.items() if entry.std]
 
 
-def _by_likelihood(posed: _Posed, likeliest: MaximumLikelihood) -> _Found:
+def _by_likelihood(posed: _ClassicalProblem, likeliest: MaximumLikelihood) -> _ClassicalResult:
     asked, compatible, start, names = posed.asked, posed.compatible, posed.start, posed.names
     free_effects = _free_effects(posed)
     problem, result = likeliest.problem, likeliest.estimate
@@ -390,7 +394,7 @@ def _by_likelihood(posed: _Posed, likeliest: MaximumLikelihood) -> _Found:
         if name in unclear and result.std(name) > CLEAR_SHARE * LIMITS[name].std:
             continue
         errors[name] = (result.value(name), result.std(name), SENSOR_ERRORS[name][2])
-    return _Found(model, errors, refused, likeliest.warnings, likeliest)
+    return _ClassicalResult(model, errors, refused, likeliest.warnings, likeliest)
 
 
 def _kinematic_errors(compatible: CompatibilityResult) -> dict[str, tuple[float, float, str]]:

@@ -16,8 +16,8 @@ from sysid.filter_error.estimator import FilterErrorResult
 from sysid.numerics.statistics import spectral_span
 from sysid.output_error.estimator import OutputErrorResult
 from sysid.output_error.from_problem import fit, warmed
-from sysid.output_error.linearisation import Linearised
-from sysid.output_error.structure_error import Widened, widened
+from sysid.output_error.linearisation import OutputErrorLinearisation
+from sysid.output_error.structure_error import WithExtraTerms, widened
 from sysid.problem.estimation_problem import Likeliest, Problem, Progress
 from sysid.problem.formulation import with_unclear_sensors
 from sysid.signals.record import GROUND, OUTPUTS
@@ -47,9 +47,9 @@ class MaximumLikelihood:
     refused: tuple[Refusal, ...]
     warnings: tuple[str, ...]
     from_bench: Mapping[str, Mapping[str, float]]
-    wider: Widened | None = None
+    wider: WithExtraTerms | None = None
     left_over: str = ""
-    linearised: Linearised | None = field(default=None, repr=False)
+    linearised: OutputErrorLinearisation | None = field(default=None, repr=False)
 
     def bench_shares(self) -> tuple[dict[str, dict[str, float]], dict[str, dict[str, float]]]:
         """What the bars hold of the bench, by parameter: of calibration curves, and of linkages, each by its source."""
@@ -87,7 +87,7 @@ def maximum_likelihood(
     """
     if method == "fe":
         return _in_turbulence(problem, model, coefficients, effects, compatible, bench, sensors, progress)
-    here = Linearised.fitted(problem, model, coefficients, effects, lambda s, t: progress(0.85 * s, t))
+    here = OutputErrorLinearisation.fitted(problem, model, coefficients, effects, lambda s, t: progress(0.85 * s, t))
     problem, result = with_thrust_by_airspeed(problem, model, coefficients, effects, here.result)
     warnings = []
     if compatible.gust_sigma > 0.0:
@@ -109,7 +109,7 @@ def maximum_likelihood(
 
 
 def _in_calm_air(
-    here: Linearised, bench: Sequence[BenchError], held: Sequence[BenchError], warnings: list[str]
+    here: OutputErrorLinearisation, bench: Sequence[BenchError], held: Sequence[BenchError], warnings: list[str]
 ) -> MaximumLikelihood:
     """The estimate by output error, with bars that count all."""
     problem, result = here.problem, here.result
@@ -172,14 +172,14 @@ def _in_turbulence(
 
 def _with_misfit(
     problem: Problem,
-    wider: Widened,
+    wider: WithExtraTerms,
     effects: Sequence[tuple[str, str]],
     warnings: tuple[str, ...],
     linkages: Sequence[BenchError],
     held: Sequence[BenchError],
 ) -> MaximumLikelihood:
     """The rest of output error where the flight shows aerodynamics that the structure of `problem` does not hold."""
-    here = Linearised(wider.problem, wider.model, wider.coefficients, effects, wider.result)
+    here = OutputErrorLinearisation(wider.problem, wider.model, wider.coefficients, effects, wider.result)
     corrected, result = with_input_noise(here)
     result, _ = carry(misled(held, here), here, result)
     result, shares = carry(misled(linkages, here), here, result)

@@ -16,12 +16,12 @@ from sysid.compatibility.reconstruction import CompatibilityResult, Refusal, che
 from sysid.equation_error.coefficients import body_of
 from sysid.equation_error.dead_surfaces import frozen_commands, part_of
 from sysid.errors import SignalError, SysidError
-from sysid.identification.repaired_flight import Meant, missing_inertial
+from sysid.identification.repaired_flight import RepairedFlight, missing_inertial
 from sysid.identification.request import Request
 from sysid.identification.result_model import with_extra
 from sysid.numerics.statistics import without
 from sysid.posterior.analysis import estimate
-from sysid.posterior.estimates import PRIOR_SHARE, PosteriorEstimate
+from sysid.posterior.estimates import UNINFORMED_RATIO, PosteriorEstimate
 from sysid.posterior.flight_part import FlightPart, make_part
 from sysid.posterior.nuisance_priors import MOVING_MASS, PRODUCT_INERTIA, THRUST_ARM
 from sysid.posterior.stated_priors import unused_timing
@@ -61,7 +61,7 @@ class PosteriorIdentification:
     warnings: tuple[str, ...]
 
 
-def reconstructed(read: Sequence[Meant]) -> CompatibilityResult | None:
+def reconstructed(read: Sequence[RepairedFlight]) -> CompatibilityResult | None:
     """What kinematics say of the flights; None where they cannot be asked."""
     if any(missing_inertial(one.signals) for one in read):
         return None
@@ -72,7 +72,7 @@ def reconstructed(read: Sequence[Meant]) -> CompatibilityResult | None:
 
 
 def identify_by_posterior(
-    read: Sequence[Meant], asked: Request, known: CompatibilityResult | None = None
+    read: Sequence[RepairedFlight], asked: Request, known: CompatibilityResult | None = None
 ) -> PosteriorIdentification:
     """Estimate a model from one or more flights.
 
@@ -85,7 +85,9 @@ def identify_by_posterior(
         raise next((one.doubt for one in read if one.doubt is not None), error) from error
 
 
-def _identified(read: Sequence[Meant], asked: Request, known: CompatibilityResult | None) -> PosteriorIdentification:
+def _identified(
+    read: Sequence[RepairedFlight], asked: Request, known: CompatibilityResult | None
+) -> PosteriorIdentification:
     vehicle, structure, progress = asked.vehicle, asked.structure, asked.progress
     progress(0.15, "data compatibility")
     seen = flown(read, vehicle, known)
@@ -121,7 +123,7 @@ def with_thrust_line(model: Model, found: PosteriorEstimate) -> Model:
 def _product_words(vehicle: Vehicle, found: PosteriorEstimate) -> list[str]:
     """What the flight knows of the product of inertia, which belongs into the vehicle file."""
     one = next((one for one in found.nuisances if one.name == PRODUCT_INERTIA), None)
-    if one is None or one.std > PRIOR_SHARE * one.prior_std:
+    if one is None or one.std > UNINFORMED_RATIO * one.prior_std:
         return []
     return [
         f"the flight gives a product of inertia Ixz of {vehicle.mass.Ixz + one.value:.3g} ± {one.std:.2g} kg m^2: put"
@@ -135,7 +137,7 @@ def _moving_words(found: PosteriorEstimate) -> list[str]:
     if one is None:
         return []
     grams, std = 1e3 * one.value, 1e3 * one.std
-    if one.std > PRIOR_SHARE * one.prior_std:
+    if one.std > UNINFORMED_RATIO * one.prior_std:
         return [
             f"what hangs on the thrust sensor is not given (0 ± {std:.0f} g is taken), and drag is known no better:"
             " weigh motor and propeller, and put them into the vehicle file as [propulsion] moving_mass"
@@ -163,7 +165,7 @@ class Flown:
     warnings: Sequence[str]
 
 
-def flown(read: Sequence[Meant], vehicle: Vehicle, known: CompatibilityResult | None = None) -> Flown:
+def flown(read: Sequence[RepairedFlight], vehicle: Vehicle, known: CompatibilityResult | None = None) -> Flown:
     """Parts of the flights. known: `reconstructed` of them, if at hand. Raises SysidError where none has what is
     needed.
     """
@@ -229,7 +231,7 @@ def refusals_of(
             abs(value), usual_size(name)
         ):
             reason = f"the standard error {std:.2g} says nothing beside a value of {value:.2g}"
-        elif name not in given and own > PRIOR_SHARE * found.prior_std[name]:
+        elif name not in given and own > UNINFORMED_RATIO * found.prior_std[name]:
             reason = "the flight adds nothing to what was known before"
         else:
             continue

@@ -10,7 +10,7 @@ import numpy as np
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.errors import SysidError
-from sysid.signal_check.corrected_faults import as_meant
+from sysid.signal_check.corrected_faults import repaired
 from sysid.signal_check.fault import Mistake
 from sysid.signals.flight import BY_ATTITUDE, FlightSignals, Signal, repeats
 from sysid.signals.preparation import Prepared, prepare
@@ -24,7 +24,7 @@ _FEWEST = 10
 
 
 @dataclass(frozen=True)
-class Meant:
+class RepairedFlight:
     """A flight as its sensors meant it: its signals, the same prepared, and the mistakes that were mended.
 
     signals: without accelerometers that are dead, and the attitude's rates for gyros that are. doubt: why it may not be
@@ -58,12 +58,12 @@ def meant(
     as_recorded: Sequence[str] = (),
     start_s: float | None = None,
     stop_s: float | None = None,
-) -> Meant:
+) -> RepairedFlight:
     """A flight without mistakes that no owner would doubt (sysid.signal_check.corrected_faults). Raises SysidError."""
     flight = without_dead(flight)
     found = prepared_flight(flight, vehicle, start_s, stop_s)
     try:
-        signals, mistakes = as_meant(flight, found.prepared, vehicle, as_recorded)
+        signals, mistakes = repaired(flight, found.prepared, vehicle, as_recorded)
         if signals is not flight:
             found = replace(prepared_flight(signals, vehicle, start_s, stop_s), mistakes=tuple(mistakes))
         elif mistakes:
@@ -77,8 +77,8 @@ def meant(
 class FlightsRead:
     """The flights of a job as their sensors meant them: those that are fitted, and those that a model is judged by."""
 
-    fitted: Sequence[Meant]
-    judges: Sequence[Meant]
+    fitted: Sequence[RepairedFlight]
+    judges: Sequence[RepairedFlight]
 
     def mistakes(self) -> tuple[Mistake, ...]:
         """What was mended in the flights that are fitted, or reported of them."""
@@ -216,12 +216,14 @@ def _with_stand_ins(signals: FlightSignals) -> FlightSignals:
     return replace(signals, signals={**signals.signals, **dict.fromkeys(lost, nothing)})
 
 
-def prepared_flight(flight: FlightSignals, vehicle: Vehicle, start_s: float | None, stop_s: float | None) -> Meant:
+def prepared_flight(
+    flight: FlightSignals, vehicle: Vehicle, start_s: float | None, stop_s: float | None
+) -> RepairedFlight:
     """The flight prepared as recorded; where no part of it seems to be flight, all of it, and why not."""
     filled = _with_stand_ins(bridged(flight))
     filled.require(*IMU, *ESSENTIAL)
     try:
-        return Meant(flight, prepare(filled, vehicle, start_s, stop_s), (), None, filled is flight)
+        return RepairedFlight(flight, prepare(filled, vehicle, start_s, stop_s), (), None, filled is flight)
     except SysidError as error:
         time_s = filled.signals["q"].time_s
         if start_s is not None or stop_s is not None or time_s.size < 2:
@@ -230,4 +232,4 @@ def prepared_flight(flight: FlightSignals, vehicle: Vehicle, start_s: float | No
             whole = prepare(filled, vehicle, float(time_s[0]), float(time_s[-1]))
         except SysidError:
             raise error from None
-        return Meant(flight, whole, (), error, filled is flight)
+        return RepairedFlight(flight, whole, (), error, filled is flight)

@@ -30,7 +30,7 @@ class NuisanceUnknowns:
 
 
 @dataclass(frozen=True)
-class Linearised:
+class OutputErrorLinearisation:
     """An estimate of output error and its neighbourhood.
 
     problem, model, coefficients, effects: as given to `sysid.output_error.from_problem.fit`, which gave `result`.
@@ -50,7 +50,7 @@ class Linearised:
         coefficients: Sequence[str],
         effects: Sequence[tuple[str, str]],
         progress: Progress = lambda share, text: None,
-    ) -> Linearised:
+    ) -> OutputErrorLinearisation:
         """The estimate of the problem, with what its last step knew already."""
         values = start_values(problem, model, coefficients, effects)
         result, near = build(problem, model, coefficients, effects).solved(values, step_callback(progress))

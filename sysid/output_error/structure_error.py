@@ -65,7 +65,7 @@ class _AxisTerms:
 
 
 @dataclass(frozen=True)
-class Widened:
+class WithExtraTerms:
     """An estimation problem with further terms, and how its estimate becomes one of the structure.
 
     problem, model, coefficients: with the further terms. result: its estimate. axes: those with a misfit. shown: names
@@ -129,7 +129,7 @@ def widened(
     coefficients: Sequence[str],
     effects: Sequence[tuple[str, str]],
     result: OutputErrorResult,
-) -> Widened | None:
+) -> WithExtraTerms | None:
     """The problem with the misfit that its flights show, estimated; None where they show none.
 
     problem, model, coefficients, effects: as they were given to `fit`, which gave `result`.
@@ -153,7 +153,7 @@ def widened(
     # The motion of the wider estimate is the one flown, and nearest means along that.
     along = _along(wider, build(wider, extended, names, effects, estimate.sigma), names, estimate)
     nearest = tuple(_nearest(axis.name, axis.own, axis.further, along, axis.swing) for axis in found)
-    return Widened(wider, extended, names, estimate, nearest, shown)
+    return WithExtraTerms(wider, extended, names, estimate, nearest, shown)
 
 
 def _extended(model: Model, further: Sequence[str]) -> Model:

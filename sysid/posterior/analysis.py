@@ -16,7 +16,7 @@ from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.errors import DivergedError, EstimationError
 from sysid.numerics.gaussian import Gaussian
-from sysid.posterior.considered_errors import Doubt, doubts_of, flow_doubts
+from sysid.posterior.considered_errors import ConsiderParameter, doubts_of, flow_doubts
 from sysid.posterior.estimates import (
     GroupEstimate,
     PosteriorEstimate,
@@ -68,7 +68,7 @@ Report = Callable[[float, str], None]
 
 
 @dataclass(frozen=True)
-class _Begun:
+class _GroupSearch:
     """A search of one group of axes on half of its grid. model: on all of it; theta: all unknowns; usual: values that
     an aircraft of the class has of stability and damping.
     """
@@ -77,9 +77,9 @@ class _Begun:
     model: GroupModel
     theta: Array
     usual: Mapping[str, float]
-    doubts: Sequence[Doubt]
+    doubts: Sequence[ConsiderParameter]
 
-    def searched(self) -> _Begun:
+    def optimise(self) -> _GroupSearch:
         """The same, near the search's end.
 
         Where that is beside the optimum (rolling at once by sideslip, that no surface disturbs, is nearly as likely as
@@ -87,9 +87,11 @@ class _Begun:
         flow that is imposed leaves no such choice.
         """
         found = replace(self, theta=self.posterior.search(self.theta, MAX_PASSES))
-        return found if self.model.flow_imposed else found.likelier(self.usual)
+        return found if self.model.flow_imposed else found.keep_if_better(self.usual)
 
-    def likelier(self, other: Mapping[str, float], passes: int = _FIRST_PASSES, by: float = _LIKELIER) -> _Begun:
+    def keep_if_better(
+        self, other: Mapping[str, float], passes: int = _FIRST_PASSES, by: float = _LIKELIER
+    ) -> _GroupSearch:
         """The end of a search, or where one from other values of some unknowns leads, if that is likelier.
 
         passes: after which it must be so. by: logarithm of how much.
@@ -212,7 +214,7 @@ def estimate(
         try:
             seen = _seen(parts, found, vehicle)
             begin = partial(
-                _begun, seen, vehicle, structure, names, free, group, outputs, known, stated, doubts,
+                _start_search, seen, vehicle, structure, names, free, group, outputs, known, stated, doubts,
             )  # fmt: skip
             found[group] = _likelier_flow(begin, near.get(group, {}), FLOW_OF[group]).ended(fine)
         except EstimationError as error:
@@ -247,7 +249,7 @@ def _lacking(group: str, outputs: Sequence[str], names: Sequence[str]) -> str:
     return f"{lacking} is missing, or its sensor is dead" if lacking else ""
 
 
-def _likelier_flow(begin: Callable[..., _Begun], near: Mapping[str, float], flow: str) -> _Begun:
+def _likelier_flow(begin: Callable[..., _GroupSearch], near: Mapping[str, float], flow: str) -> _GroupSearch:
     """A group begun; in a closed loop with the flow as its vane read it, where that leaves no more to the loop.
 
     What looks like a loop may be a search that ended beside the optimum, whose residuals go with the commands: it is
@@ -255,13 +257,13 @@ def _likelier_flow(begin: Callable[..., _Begun], near: Mapping[str, float], flow
     the flow, by its share of the flow's power: where that is much, the loop is the lesser evil, and the flow leads to a
     start alone.
     """
-    begun = begin(near).searched()
+    begun = begin(near).optimise()
     feedback = begun.feedback()
     if feedback > 0.0 and flow in begun.model.outputs:
         noise = begun.noise_of(flow)
         with suppress(EstimationError):
-            other = begin(begun.values(), vane_noise=noise).searched()
-            again = begun.likelier(other.values(), MAX_PASSES, 0.0)
+            other = begin(begun.values(), vane_noise=noise).optimise()
+            again = begun.keep_if_better(other.values(), MAX_PASSES, 0.0)
             if again.feedback() == 0.0:
                 return again
             if noise < _MOST_NOISE and other.feedback() < feedback + _NO_WORSE:
@@ -299,7 +301,7 @@ def _alike(found: Mapping[str, GroupEstimate]) -> dict[str, Stated]:
     return stated
 
 
-def _begun(
+def _start_search(
     parts: Sequence[FlightPart],
     vehicle: Vehicle,
     structure: Model,
@@ -309,10 +311,10 @@ def _begun(
     outputs: Sequence[str],
     known: Gaussian | None,
     stated: Mapping[str, Stated],
-    doubts: Sequence[Doubt],
+    doubts: Sequence[ConsiderParameter],
     near: Mapping[str, float],
     vane_noise: float | None = None,
-) -> _Begun:
+) -> _GroupSearch:
     """vane_noise: share of noise in the flow as its vane read it, where that is imposed."""
     flow, flow_imposed = FLOW_OF[group], vane_noise is not None
     position = all(part.position for part in parts)
@@ -369,7 +371,7 @@ def _begun(
     posterior, theta = _best(tried, again)
     # Which way a surface counts is the vehicle file's choice.
     motion = {name: usual[name] for name in names if not set(SURFACES_OF[group]) & set(parse_term(name).factors)}
-    return _Begun(posterior, model, theta, motion, doubts)
+    return _GroupSearch(posterior, model, theta, motion, doubts)
 
 
 def _best(tried: list[tuple[float, Array, Posterior]], near: bool) -> tuple[Posterior, Array]:
@@ -383,11 +385,11 @@ def _best(tried: list[tuple[float, Array, Posterior]], near: bool) -> tuple[Post
     if near and usable[0] is tried[0]:
         _, theta, posterior = tried[0]
         return posterior, posterior.search(theta, _FIRST_PASSES)
-    searched = []
+    optimise = []
     for _, begin, posterior in usable:
         theta = posterior.search(begin, _FIRST_PASSES)
-        searched.append((posterior.profile_cost(theta), theta, posterior))
-    _, theta, posterior = min(searched, key=lambda one: one[0])
+        optimise.append((posterior.profile_cost(theta), theta, posterior))
+    _, theta, posterior = min(optimise, key=lambda one: one[0])
     return posterior, theta
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS
 from sim_vehicle.vehicle.vehicle_file import Vehicle, stronger
-from sysid.posterior.group_model import Altered
+from sysid.posterior.group_model import PerturbedInputs
 from sysid.signals.record import SURFACES
 
 _OUTPUTS = {"accelerometer": ("ax", "ay", "az"), "gyro": ("p", "q", "r")}
@@ -21,7 +21,7 @@ _INERTIA = ("Ixx", "Iyy", "Izz", "Ixz")
 
 
 @dataclass(frozen=True)
-class Doubt:
+class ConsiderParameter:
     """One quantity that is not estimated. stated: whether the vehicle file says how well it is known: by one standard
     deviation then, which the error bars hold; else by a usual amount, which stands beside them. changed: what a
     model of the vehicle is given with that error, or with so small a part of it (one of `times`) that outputs move in
@@ -30,11 +30,11 @@ class Doubt:
 
     name: str
     stated: bool
-    changed: Callable[[Vehicle], Altered]
+    changed: Callable[[Vehicle], PerturbedInputs]
     times: float = 1.0
 
 
-def doubts_of(vehicle: Vehicle, thrust_measured: bool) -> tuple[Doubt, ...]:
+def doubts_of(vehicle: Vehicle, thrust_measured: bool) -> tuple[ConsiderParameter, ...]:
     """Doubts of a vehicle; thrust_measured: whether it was measured in the flight."""
     mass = vehicle.mass
     found = [_mass("mass", mass.mass_std)] if mass.mass_std is not None else [_shares("mass_1pct", ("mass",), 0.01)]
@@ -43,41 +43,41 @@ def doubts_of(vehicle: Vehicle, thrust_measured: bool) -> tuple[Doubt, ...]:
     usual = tuple(key for key, std in stated if std is None)
     if len(usual) >= len(_INERTIA) - 1:  # the product alone says nothing of the moments
         found.append(_shares("inertia_5pct", usual, 0.05))
-    found.append(Doubt("density_2pct", False, lambda vehicle: Altered(vehicle, density=1.02)))
+    found.append(ConsiderParameter("density_2pct", False, lambda vehicle: PerturbedInputs(vehicle, density=1.02)))
     found += _linkages(vehicle)
     for name, outputs in _OUTPUTS.items():
         if std := vehicle.sensors[name].scale_std:
             found.append(_readings(f"{name}_scale", outputs, std))
     if not thrust_measured and vehicle.propulsion is not None:
-        found.append(Doubt("thrust_5pct", False, lambda vehicle: Altered(stronger(vehicle, 1.05))))
+        found.append(ConsiderParameter("thrust_5pct", False, lambda vehicle: PerturbedInputs(stronger(vehicle, 1.05))))
     return tuple(found)
 
 
-def flow_doubts(name: str, scale: float, zero: float) -> tuple[Doubt, ...]:
+def flow_doubts(name: str, scale: float, zero: float) -> tuple[ConsiderParameter, ...]:
     """Scale and zero [rad], one standard deviation each, of the vane of `name` (alpha, beta) whose flow is imposed."""
     return (
-        Doubt(f"{name}_scale_std", True, lambda vehicle: Altered(vehicle, flow=1.0 + scale)),
-        Doubt(f"{name}_zero_std", True, lambda vehicle: Altered(vehicle, flow_zero=zero)),
+        ConsiderParameter(f"{name}_scale_std", True, lambda vehicle: PerturbedInputs(vehicle, flow=1.0 + scale)),
+        ConsiderParameter(f"{name}_zero_std", True, lambda vehicle: PerturbedInputs(vehicle, flow_zero=zero)),
     )
 
 
-def _mass(key: str, std: float) -> Doubt:
-    def changed(vehicle: Vehicle) -> Altered:
+def _mass(key: str, std: float) -> ConsiderParameter:
+    def changed(vehicle: Vehicle) -> PerturbedInputs:
         more = getattr(vehicle.mass, key) + std / _PARTS
-        return Altered(replace(vehicle, mass=replace(vehicle.mass, **{key: more})))
+        return PerturbedInputs(replace(vehicle, mass=replace(vehicle.mass, **{key: more})))
 
-    return Doubt(f"{key}_std", True, changed, _PARTS)
+    return ConsiderParameter(f"{key}_std", True, changed, _PARTS)
 
 
-def _shares(name: str, keys: tuple[str, ...], share: float) -> Doubt:
-    def changed(vehicle: Vehicle) -> Altered:
+def _shares(name: str, keys: tuple[str, ...], share: float) -> ConsiderParameter:
+    def changed(vehicle: Vehicle) -> PerturbedInputs:
         more = {key: (1.0 + share) * getattr(vehicle.mass, key) for key in keys}
-        return Altered(replace(vehicle, mass=replace(vehicle.mass, **more)))
+        return PerturbedInputs(replace(vehicle, mass=replace(vehicle.mass, **more)))
 
-    return Doubt(name, False, changed)
+    return ConsiderParameter(name, False, changed)
 
 
-def _linkages(vehicle: Vehicle) -> list[Doubt]:
+def _linkages(vehicle: Vehicle) -> list[ConsiderParameter]:
     """Each linkage that the bench has measured, or all together by a usual amount."""
     found = []
     for control, known in vehicle.controls.items():
@@ -91,9 +91,11 @@ def _linkages(vehicle: Vehicle) -> list[Doubt]:
     return found or [_commands("linkage_5pct", False, dict.fromkeys(SURFACES, 1.05), {})]
 
 
-def _commands(name: str, stated: bool, gains: dict[str, float], biases: dict[str, float]) -> Doubt:
-    return Doubt(name, stated, lambda vehicle: Altered(vehicle, gains=gains, biases=biases))
+def _commands(name: str, stated: bool, gains: dict[str, float], biases: dict[str, float]) -> ConsiderParameter:
+    return ConsiderParameter(name, stated, lambda vehicle: PerturbedInputs(vehicle, gains=gains, biases=biases))
 
 
-def _readings(name: str, outputs: tuple[str, ...], share: float) -> Doubt:
-    return Doubt(f"{name}_std", True, lambda vehicle: Altered(vehicle, readings=dict.fromkeys(outputs, 1.0 + share)))
+def _readings(name: str, outputs: tuple[str, ...], share: float) -> ConsiderParameter:
+    return ConsiderParameter(
+        f"{name}_std", True, lambda vehicle: PerturbedInputs(vehicle, readings=dict.fromkeys(outputs, 1.0 + share))
+    )

@@ -10,7 +10,7 @@ import numpy as np
 from sim_vehicle.model.aerodynamic_terms import parse_term
 from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS
 from sysid.numerics.gaussian import Gaussian
-from sysid.posterior.considered_errors import Doubt
+from sysid.posterior.considered_errors import ConsiderParameter
 from sysid.posterior.estimator import Posterior, PosteriorResult
 from sysid.posterior.group_model import OF_SURFACES
 from sysid.posterior.nuisance_priors import MOVING_MASS, PRODUCT_INERTIA
@@ -24,7 +24,7 @@ _UNIT_OF = {output: unit for output, form, unit, _ in SENSOR_ERRORS.values() if 
 # What stands for an output's scale factor, and its null.
 _GAINS = {"alpha": ("alpha_scale", 1.0), "beta": ("beta_scale", 1.0), "airspeed": ("airspeed_error", 0.0)}
 # Above this share of its prior a flight holds no information on a number.
-PRIOR_SHARE = 0.7
+UNINFORMED_RATIO = 0.7
 
 # A nuisance beyond so many of its prior standard deviations is none.
 _BELIEVED = 4.0
@@ -62,7 +62,7 @@ class GroupEstimate:
 
     posterior: Posterior
     result: PosteriorResult
-    doubts: Sequence[Doubt]
+    doubts: Sequence[ConsiderParameter]
 
     def nuisances(self, flight: str) -> dict[str, float]:
         """All nuisances of a flight by name, those that are held included."""

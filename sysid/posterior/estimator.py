@@ -23,7 +23,7 @@ from sysid.posterior.closed_loop import (
     is_law,
     most_answered,
 )
-from sysid.posterior.considered_errors import Doubt
+from sysid.posterior.considered_errors import ConsiderParameter
 from sysid.posterior.likelihood import Point, WhittleLikelihood
 from sysid.posterior.nuisance_priors import SURFACES_OF
 from sysid.posterior.residual_spectrum import ResidualSpectrum
@@ -85,7 +85,9 @@ class Posterior(WhittleLikelihood):
         """(P,) where some steps from `start` lead."""
         return self._search(start, max_passes, least=2)[0].theta
 
-    def solve(self, start: Array, doubts: Sequence[Doubt] = (), max_passes: int = MAX_PASSES) -> PosteriorResult:
+    def solve(
+        self, start: Array, doubts: Sequence[ConsiderParameter] = (), max_passes: int = MAX_PASSES
+    ) -> PosteriorResult:
         """Search from `start` (P,), where another search of much the same ended. doubts: what was taken as known.
 
         Raises EstimationError where even the start diverges.
@@ -188,7 +190,7 @@ class Posterior(WhittleLikelihood):
             free &= ~out
         return target
 
-    def _result(self, at: Point, doubts: Sequence[Doubt], passes: int, converged: bool) -> PosteriorResult:
+    def _result(self, at: Point, doubts: Sequence[ConsiderParameter], passes: int, converged: bool) -> PosteriorResult:
         H = self.prior.information.copy()
         laws = self._laws()
         feedback_of = self._feedback(at, laws)

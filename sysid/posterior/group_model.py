@@ -81,7 +81,7 @@ class _Prepared:
 
 
 @dataclass(frozen=True)
-class Altered:
+class PerturbedInputs:
     """What a model is given instead: vehicle; factors of density, flow, commands, readings; zeros of flow and of
     commands, rad.
     """
@@ -116,7 +116,7 @@ class GroupModel:
     ) -> None:
         self.group, self.outputs, self.unknowns = group, tuple(outputs), unknowns
         self.parameters = (*(coefficient(name) for name in names), *(effect_parameter(*one) for one in effects))
-        self._model, self._given = model, Altered(vehicle)
+        self._model, self._given = model, PerturbedInputs(vehicle)
         self.flat = flatten(vehicle, model)
         own = SURFACES_OF[group]
         self._surfaces = {*own, *(factor for name in names for factor in parse_term(name).factors)}
@@ -163,7 +163,7 @@ class GroupModel:
         other._prepared = self._coarse
         return other
 
-    def altered(self, by: Altered) -> GroupModel:
+    def altered(self, by: PerturbedInputs) -> GroupModel:
         """The same model of the same parts, with other values given."""
         other = copy.copy(self)
         other._given, other.flat = by, flatten(by.vehicle, self._model)

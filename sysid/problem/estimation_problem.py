@@ -20,7 +20,7 @@ from sysid.numerics.gaussian import Gaussian
 from sysid.numerics.statistics import without
 from sysid.problem.free_parameters import FreeParameter, coefficient, effect_parameter, sensor_error, thrust_error
 from sysid.problem.model_structure import (
-    PRIOR_SHARE,
+    PRIOR_WIDTH,
     REFUSED_SHARE,
     helpful_manoeuvre,
     is_longitudinal,
@@ -171,7 +171,7 @@ def predictor_of(
     problem: Problem, model: Model, coefficients: Sequence[str], effects: Sequence[tuple[str, str]] = ()
 ) -> Predictor:
     """Outputs of the problem's records as a function of those parameters that are free."""
-    parameters: list[FreeParameter] = [coefficient(name, 0.0, PRIOR_SHARE * usual_size(name)) for name in coefficients]
+    parameters: list[FreeParameter] = [coefficient(name, 0.0, PRIOR_WIDTH * usual_size(name)) for name in coefficients]
     parameters += [effect_parameter(effect, name) for effect, name in effects]
     for name in problem.sensors:
         entry = sensor_error(name)

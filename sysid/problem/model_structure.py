@@ -33,7 +33,7 @@ REFUSED_SHARE = 0.3
 # No aircraft has a derivative so many times as large as usual: what gives it such a value is something else.
 _BEYOND = 10.0
 # How far from zero a coefficient may lie a priori, in usual sizes.
-PRIOR_SHARE = 20.0
+PRIOR_WIDTH = 20.0
 
 _MANOEUVRE = {
     "de": "elevator-multisine",

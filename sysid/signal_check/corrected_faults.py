@@ -72,7 +72,7 @@ def require_searched(names: Collection[str]) -> None:
         )
 
 
-def as_meant(
+def repaired(
     signals: FlightSignals, flight: Prepared, vehicle: Vehicle, as_recorded: Collection[str] = ()
 ) -> tuple[FlightSignals, list[Mistake]]:
     """A flight without the mistakes that no owner would doubt, and what they are.

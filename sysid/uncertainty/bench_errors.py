@@ -26,7 +26,7 @@ from sysid.filter_error.estimator import FilterErrorResult
 from sysid.numerics.normal_equations import solve
 from sysid.output_error.estimator import OutputError, OutputErrorResult
 from sysid.output_error.from_problem import build
-from sysid.output_error.linearisation import Linearised
+from sysid.output_error.linearisation import OutputErrorLinearisation
 from sysid.problem.estimation_problem import Problem
 from sysid.signals.calibration import Calibration
 from sysid.signals.preparation import Prepared
@@ -135,12 +135,12 @@ class BenchEffect:
     added: list[Array]
 
 
-def misled(errors: Sequence[BenchError], here: Linearised) -> list[BenchEffect]:
+def misled(errors: Sequence[BenchError], here: OutputErrorLinearisation) -> list[BenchEffect]:
     """What each of the bench errors, of one standard deviation, does at an estimate."""
     return [_misled(error, here) for error in errors]
 
 
-def _misled(error: BenchError, here: Linearised) -> BenchEffect:
+def _misled(error: BenchError, here: OutputErrorLinearisation) -> BenchEffect:
     problem = here.problem
     changed = replace(problem, records=tuple(map(error.record, problem.records)))
     false = apparent_change(changed, problem)
@@ -170,7 +170,7 @@ def _a_little(changed: Sequence[Record], records: Sequence[Record]) -> tuple[Rec
 
 
 def carry(
-    every: Sequence[BenchEffect], here: Linearised, result: OutputErrorResult
+    every: Sequence[BenchEffect], here: OutputErrorLinearisation, result: OutputErrorResult
 ) -> tuple[OutputErrorResult, dict[str, dict[str, float]]]:
     """The result with the bench errors in its covariance, and what each of them contributes.
 

@@ -25,7 +25,7 @@ from sysid.filter_error.estimator import FilterErrorResult
 from sysid.numerics.fractional_delay import held_back
 from sysid.numerics.normal_equations import damped_step, gram
 from sysid.output_error.from_problem import build, fit, warmed
-from sysid.output_error.linearisation import Linearised
+from sysid.output_error.linearisation import OutputErrorLinearisation
 from sysid.problem.estimation_problem import Problem
 from sysid.signals.record import SURFACES, Record, angle_wrap
 from sysid.signals.thrust_source import THRUST_BY_SQUARE
@@ -108,7 +108,7 @@ def perturbations(vehicle: Vehicle, records: Sequence[Record]) -> tuple[Perturba
     return linear(vehicle) if measured else (*linear(vehicle), THRUST)
 
 
-def systematic_errors(here: Linearised) -> dict[str, dict[str, float]]:
+def systematic_errors(here: OutputErrorLinearisation) -> dict[str, dict[str, float]]:
     """Change of every estimated parameter under each perturbation: parameter -> perturbation -> change.
 
     At the estimate before the noise of thrust and propeller speed is taken out, which hardly moves the slopes. NaN for
@@ -159,7 +159,7 @@ def _moved_by_late_commands(
     return {name: again.value(name) - value for name, value in values.items()} if again.converged else {}
 
 
-def _some_runs(here: Linearised, problem: Problem) -> Problem:
+def _some_runs(here: OutputErrorLinearisation, problem: Problem) -> Problem:
     """The problem with runs of some _REPEATED_S, evenly spread over its flights.
 
     The problem itself comes back where it is no longer, or where those runs do not hold the information on every

@@ -25,7 +25,7 @@ from sysid.numerics.normal_equations import inverse, solve
 from sysid.numerics.parallel import side_by_side
 from sysid.output_error.estimator import OutputErrorResult
 from sysid.output_error.from_problem import build, fit, warmed
-from sysid.output_error.linearisation import Linearised
+from sysid.output_error.linearisation import OutputErrorLinearisation
 from sysid.problem.estimation_problem import Problem
 from sysid.problem.predictor import Predictor, free_states
 from sysid.signals.record import OUTPUTS, STATES, Record, angle_wrap
@@ -61,7 +61,7 @@ def _with_errors(record: Record, thrust: Array, throttle: Array) -> Record:
     return replace(record, thrust=record.thrust + thrust, commands=commands)
 
 
-def with_input_noise(here: Linearised) -> tuple[Problem, OutputErrorResult]:
+def with_input_noise(here: OutputErrorLinearisation) -> tuple[Problem, OutputErrorResult]:
     """The estimate with the errors of thrust and propeller speed estimated beside it, and the problem so corrected."""
     problem, result = here.problem, here.result
     every = doubts(here)
@@ -144,7 +144,7 @@ def _is_doubtful(record: Record) -> bool:
     return bool(record.thrust_doubt.size or record.rotor_doubt.size)
 
 
-def doubts(here: Linearised) -> list[InputError]:
+def doubts(here: OutputErrorLinearisation) -> list[InputError]:
     """Every error of the inputs; records of one stretch share theirs."""
     groups: dict[tuple[str, int], list[int]] = {}
     for index, record in enumerate(here.problem.records):
@@ -185,7 +185,7 @@ def _true_airspeed(predicted: Array, record: Record, errors: Mapping[str, float]
     return np.asarray(flown * np.sqrt(SEA_LEVEL_DENSITY / rho) if calibrated else flown)
 
 
-def _joint_step(here: Linearised, every: Sequence[InputError]) -> tuple[Array, Array]:
+def _joint_step(here: OutputErrorLinearisation, every: Sequence[InputError]) -> tuple[Array, Array]:
     """Gauss-Newton step of the unknowns and of the doubts, and the covariance of both."""
     joint, gradient = here.bordered_information(here.others([doubt.outputs for doubt in every]))
     return solve(joint, gradient), inverse(joint)

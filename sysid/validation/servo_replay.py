@@ -21,7 +21,7 @@ _SMOOTH_S = 0.05  # half of what the acceleration of a motor is averaged over
 _MARGIN_S = 1.0  # s of inputs beyond the samples, more than any delay
 
 
-def as_moved(
+def with_estimated_deflections(
     prepared: Sequence[Prepared], signals: Sequence[FlightSignals], vehicle: Vehicle, found: PosteriorEstimate
 ) -> list[Prepared]:
     """The flights with what their surfaces did from sample to sample in place of their commands.

@@ -12,7 +12,7 @@ from sim_vehicle.model.model_file import Model
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.compatibility.reconstruction import CompatibilityResult
 from sysid.discrepancy.by_filter_error.candidate_fits import FittedModel, fitted
-from sysid.discrepancy.by_filter_error.lack_of_fit import left_over
+from sysid.discrepancy.by_filter_error.lack_of_fit import lack_of_fit
 from sysid.errors import EstimationError
 from sysid.filter_error.estimation import build_filter
 from sysid.filter_error.estimator import FilterErrorResult
@@ -135,7 +135,7 @@ def timed(
     except EstimationError:
         return problem, before
     refitted = model_of(model, model.name, again, names, effects, (), model.validity)
-    return (problem, before) if left_over(other, FittedModel(refitted, names, effects, again)) else (other, again)
+    return (problem, before) if lack_of_fit(other, FittedModel(refitted, names, effects, again)) else (other, again)
 
 
 def sensors_alone(problem: Problem, model: Model, before: FilterErrorResult) -> FilterErrorResult:

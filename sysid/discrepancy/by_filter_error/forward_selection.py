@@ -11,7 +11,7 @@ import numpy as np
 from sim_vehicle.model.model_file import Model
 from sysid.discrepancy.by_filter_error.candidate_fits import FittedModel, fit_full, fit_short, rank, wald_statistic
 from sysid.discrepancy.by_filter_error.filter_scores import filter_gains
-from sysid.discrepancy.by_filter_error.lack_of_fit import left_over
+from sysid.discrepancy.by_filter_error.lack_of_fit import lack_of_fit
 from sysid.discrepancy.candidates import Candidate, candidates, happens_in_flight, stepping_of
 from sysid.discrepancy.identified_effect import Named, beside_first, nearly, unmodelled_memory_gain
 from sysid.discrepancy.naming_rule import LeftOver, is_too_little_beside, left_of_the_first
@@ -203,7 +203,7 @@ def eliminate_redundant(search: Search) -> None:
 
 def settle_names(search: Search) -> None:
     """See what is left beside all that was named, then take back what the first name may have left of itself."""
-    search.left = left_over(search.problem, search.setting, search.unmodelled_memory_gain)
+    search.left = lack_of_fit(search.problem, search.setting, search.unmodelled_memory_gain)
     search.whole = 2.0 * (search.began - search.result.cost)
     if len(search.named) == 1:
         # Timing and a bench's errors that were chosen anew with it are its own.

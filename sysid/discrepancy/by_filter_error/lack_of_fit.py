@@ -22,7 +22,7 @@ _NOISIER, _COLOURED = 1.3, 1.5
 _CHANCE = 1e-4
 
 
-def left_over(problem: Problem, setting: FittedModel, least: float = 0.0) -> dict[str, LeftOver]:
+def lack_of_fit(problem: Problem, setting: FittedModel, least: float = 0.0) -> dict[str, LeftOver]:
     """What filter error leaves: outputs that are noisier than their highest frequencies say and whose innovations are
     coloured, and axes in which smooth terms would still gain more than chance allows; each with how much.
 

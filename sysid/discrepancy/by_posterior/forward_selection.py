@@ -18,7 +18,7 @@ from sysid.discrepancy.by_posterior.evidence import (
 )
 from sysid.discrepancy.by_posterior.group_fits import GroupFit
 from sysid.discrepancy.by_posterior.naming_rules import RULES
-from sysid.discrepancy.by_posterior.screening import Promise, SecondLook, promises, second_looks
+from sysid.discrepancy.by_posterior.screening import PredictedGain, RestartGain, promises, second_looks
 from sysid.discrepancy.candidates import Candidate, candidates, stepping_of
 from sysid.discrepancy.identified_effect import Named, beside_first, nearly
 from sysid.discrepancy.naming_rule import LeftOver, is_too_little_beside, left_of_the_first
@@ -29,7 +29,7 @@ from sysid.problem.estimation_problem import Problem, Progress
 
 
 @dataclass
-class Found:
+class SelectionState:
     """State of the search.
 
     given: values of the model's coefficients and parameters of effects before anything was fitted. aliases: whether
@@ -51,10 +51,10 @@ class Found:
     gains: dict[str, float] = field(default_factory=dict)
     whole: float = 0.0
     taken_back: list[str] = field(default_factory=list)
-    seen: dict[str, tuple[GroupFit, dict[str, tuple[Promise, SecondLook | None]]]] = field(default_factory=dict)
+    seen: dict[str, tuple[GroupFit, dict[str, tuple[PredictedGain, RestartGain | None]]]] = field(default_factory=dict)
 
 
-def search(found: Found, most: int, progress: Progress) -> None:
+def search(found: SelectionState, most: int, progress: Progress) -> None:
     """Name effects, one after the other, until none is significant; then what is left without a name."""
     began = _deviance(found.groups)
     while len(found.named) < most:
@@ -76,7 +76,7 @@ def _part_of(progress: Progress, done: int, of: float, share: float, text: str) 
     progress((done + share) / of, text)
 
 
-def _choices(found: Found) -> list[Candidate]:
+def _choices(found: SelectionState) -> list[Candidate]:
     """Every effect that the flights could show, from its own starts. What coefficients all but imitate is one of them
     in flights of the textbooks alone: a structure that lacks a term would be reported as the term's imitation.
     """
@@ -88,7 +88,7 @@ def _choices(found: Found) -> list[Candidate]:
     return kept
 
 
-def _extend(found: Found, progress: Progress) -> bool:
+def _extend(found: SelectionState, progress: Progress) -> bool:
     """Add the likeliest effect if it is significant; returns whether one did."""
     choices = _choices(found)
     progress(0.0, f"a first look at {len(choices)} effects")
@@ -136,7 +136,9 @@ def _extend(found: Found, progress: Progress) -> bool:
     return True
 
 
-def _looked(found: Found, group: str, choices: Sequence[Candidate]) -> list[tuple[Promise, SecondLook | None]]:
+def _looked(
+    found: SelectionState, group: str, choices: Sequence[Candidate]
+) -> list[tuple[PredictedGain, RestartGain | None]]:
     """What candidates promise a group of axes, as it was found before where nothing of the group has changed since."""
     fit = found.groups[group]
     if group not in found.seen or found.seen[group][0] is not fit:
@@ -151,7 +153,7 @@ def _key(candidate: Candidate) -> str:
     return candidate.effect.title
 
 
-def _worth_a_second_look(looks: Mapping[str, Sequence[SecondLook | None]]) -> list[tuple[int, str]]:
+def _worth_a_second_look(looks: Mapping[str, Sequence[RestartGain | None]]) -> list[tuple[int, str]]:
     """Candidates that come nearest to the flight from elsewhere, and the group of axes in which they do."""
     found: list[tuple[int, str]] = []
     for group, of in looks.items():
@@ -171,7 +173,10 @@ def _likeliest_of_each(tried: Sequence[Trial]) -> list[Trial]:
 
 
 def _tried(
-    found: Found, candidate: Candidate, promised: Mapping[str, Promise], look: tuple[str, SecondLook | None] | None
+    found: SelectionState,
+    candidate: Candidate,
+    promised: Mapping[str, PredictedGain],
+    look: tuple[str, RestartGain | None] | None,
 ) -> Trial | None:
     """A candidate fitted, as `_fitted` does, without parameters that it does without where those are as good as absent:
     a pitot's gain is one cause, its zero another, and both together are not less likely than either.
@@ -198,7 +203,10 @@ def _tried(
 
 
 def _fitted(
-    found: Found, candidate: Candidate, promised: Mapping[str, Promise], look: tuple[str, SecondLook | None] | None
+    found: SelectionState,
+    candidate: Candidate,
+    promised: Mapping[str, PredictedGain],
+    look: tuple[str, RestartGain | None] | None,
 ) -> Trial | None:
     """A candidate fitted in the group that it promises most, and flown as it is found there in the others.
 
@@ -228,7 +236,7 @@ def _fitted(
     return Trial(candidate, own, groups, known, min(gain, borne_out(candidate, known)), evidence)
 
 
-def _eliminate(found: Found) -> None:
+def _eliminate(found: SelectionState) -> None:
     """Take out, one by one, what is not needed beside the others."""
     while len(found.named) > 1:
         costs = []
@@ -245,7 +253,7 @@ def _eliminate(found: Found) -> None:
         _leave_out(found, named, groups, "not needed beside the others")
 
 
-def _settle(found: Found) -> None:
+def _settle(found: SelectionState) -> None:
     """Take back what the first name may have left of itself; what each of the others costs is known then."""
     found.gains = {one.effect: found.whole for one in found.named}
     if len(found.named) == 1:
@@ -264,14 +272,14 @@ def _settle(found: Found) -> None:
             _leave_out(found, one, groups, f"but it gains {gain:.0f}, no more than the first may leave of itself")
 
 
-def _without(found: Found, named: Named) -> dict[str, GroupFit] | None:
+def _without(found: SelectionState, named: Named) -> dict[str, GroupFit] | None:
     """All groups without an effect that was named; None where one is lost."""
     rest = {group: fit.without(named.candidate) for group, fit in found.groups.items()}
     groups = {group: fit for group, fit in rest.items() if fit is not None}
     return groups if len(groups) == len(rest) else None
 
 
-def _leave_out(found: Found, named: Named, groups: dict[str, GroupFit], why: str) -> None:
+def _leave_out(found: SelectionState, named: Named, groups: dict[str, GroupFit], why: str) -> None:
     """Take a name back, and say why. groups: all of them `without` it."""
     found.named = [one for one in found.named if one is not named]
     found.groups = groups
@@ -284,7 +292,7 @@ def _leave_out(found: Found, named: Named, groups: dict[str, GroupFit], why: str
     found.notes.append(f"{named.effect}: named for a while, {why}")
 
 
-def _look_at_the_rest(found: Found) -> None:
+def _look_at_the_rest(found: SelectionState) -> None:
     """Smooth terms of every axis, which no single effect is: what gains by them has no name."""
     terms = smooth_terms(found.problem, found.model)
     for group, fit in found.groups.items():

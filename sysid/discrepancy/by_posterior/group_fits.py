@@ -19,7 +19,7 @@ from sysid.arrays import Array
 from sysid.discrepancy.candidates import Candidate, extended, within
 from sysid.errors import EstimationError
 from sysid.numerics.normal_equations import inverse
-from sysid.posterior.considered_errors import Doubt
+from sysid.posterior.considered_errors import ConsiderParameter
 from sysid.posterior.estimates import GroupEstimate
 from sysid.posterior.estimator import Posterior
 from sysid.posterior.likelihood import Prior
@@ -58,7 +58,7 @@ class GroupFit:
     coefficients: tuple[str, ...]
     effects: tuple[tuple[str, str], ...]
     evidence: float
-    doubts: Sequence[Doubt]
+    doubts: Sequence[ConsiderParameter]
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -28,7 +28,7 @@ _NOTHING = 1e-6
 
 
 @dataclass(frozen=True)
-class Promise:
+class PredictedGain:
     """Twice the log likelihood that a candidate may gain, and values to start from.
 
     acts: whether it moves any output at all.
@@ -40,7 +40,7 @@ class Promise:
 
 
 @dataclass(frozen=True)
-class SecondLook:
+class RestartGain:
     """Twice the log likelihood by which a candidate is better than the model without it from another place.
 
     cost: half the deviance there. start: values of other unknowns there, as `GroupFit.with_effect` takes them.
@@ -52,7 +52,7 @@ class SecondLook:
     start: dict[str, float]
 
 
-def promises(fit: GroupFit, choices: Sequence[Candidate]) -> list[Promise]:
+def promises(fit: GroupFit, choices: Sequence[Candidate]) -> list[PredictedGain]:
     """What each candidate promises one group."""
     # With twice the step a difference is as good.
     posterior, theta = fit.posterior.of(fit.posterior.model.rough()), fit.theta
@@ -80,7 +80,7 @@ def promises(fit: GroupFit, choices: Sequence[Candidate]) -> list[Promise]:
                         columns.append(ScoredColumn(i, s, name, values[name]))
                         moved.append(difference)
     if not columns:
-        return [Promise(0.0, dict(one.starts[0]), i in acts) for i, one in enumerate(choices)]
+        return [PredictedGain(0.0, dict(one.starts[0]), i in acts) for i, one in enumerate(choices)]
     C = np.array(moved).T
     off = theta - posterior.prior.mean
     found = gains_of(
@@ -89,12 +89,12 @@ def promises(fit: GroupFit, choices: Sequence[Candidate]) -> list[Promise]:
     )  # fmt: skip
     power = np.sum(C**2, axis=0)
     acts |= {column.candidate for column, size in zip(columns, power, strict=True) if size > _NOTHING}
-    return [Promise(gain, values, i in acts) for i, (gain, values) in enumerate(found)]
+    return [PredictedGain(gain, values, i in acts) for i, (gain, values) in enumerate(found)]
 
 
 def second_looks(
-    fit: GroupFit, choices: Sequence[Candidate], first: Sequence[Promise], given: Mapping[str, float]
-) -> list[SecondLook | None]:
+    fit: GroupFit, choices: Sequence[Candidate], first: Sequence[PredictedGain], given: Mapping[str, float]
+) -> list[RestartGain | None]:
     """What each candidate promises one group from other places; None where it does not act, or is lost from there.
 
     first: what each promises at the maximum. given: values of the model's coefficients and parameters of effects before
@@ -116,14 +116,14 @@ def second_looks(
         best = int(np.argmin(costs))
         return costs[best], places[best]
 
-    found: list[SecondLook | None] = []
+    found: list[RestartGain | None] = []
     candidate: Candidate | None = None
     least, place = by_equation_error([])
     for candidate, promise in zip(choices, first, strict=True):
         own = [name for name in candidate.coefficients if fit.takes(name)]
         if own:
             cost, start = by_equation_error(own)
-            one = SecondLook(2.0 * (least - cost), cost, {name: start[name] for name in own}, start)
+            one = RestartGain(2.0 * (least - cost), cost, {name: start[name] for name in own}, start)
         elif candidate.coefficients or not promise.acts:
             found.append(None)
             continue
@@ -134,6 +134,6 @@ def second_looks(
                 for i, values in enumerate(candidate.starts)
             ]
             cost, i, start = min(tried, key=lambda item: item[0])
-            one = SecondLook(2.0 * (min(at_given, least) - cost), cost, dict(candidate.starts[i]), start)
+            one = RestartGain(2.0 * (min(at_given, least) - cost), cost, dict(candidate.starts[i]), start)
         found.append(one if np.isfinite(one.cost) else None)
     return found

@@ -6,7 +6,7 @@ import numpy as np
 from scipy import special
 
 from sim_vehicle.model.model_file import Model
-from sysid.discrepancy.by_posterior.forward_selection import Found
+from sysid.discrepancy.by_posterior.forward_selection import SelectionState
 from sysid.discrepancy.comparison_types import Asked, Compared
 from sysid.discrepancy.gap import widening
 from sysid.discrepancy.identified_effect import impossible, reason
@@ -32,7 +32,7 @@ _BESIDE = {
 }
 
 
-def verdict_of(asked: Asked, base: PosteriorEstimate, found: Found, used: Compared) -> Judgement:
+def verdict_of(asked: Asked, base: PosteriorEstimate, found: SelectionState, used: Compared) -> Judgement:
     """Judgement, and what it rests on in words."""
     reasons = [*(reason(named) for named in found.named), *found.notes, *_nuisances(base)]
     explained = Explained(found.gains, found.whole, found.left, found.taken_back)

@@ -11,9 +11,13 @@ from sim_vehicle.model.model_file import Coefficient, Model
 from sim_vehicle.vehicle.packed_model import flatten
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.compatibility.reconstruction import CompatibilityResult
-from sysid.discrepancy.by_posterior.forward_selection import Found, search
+from sysid.discrepancy.by_posterior.forward_selection import SelectionState, search
 from sysid.discrepancy.by_posterior.group_fits import fit_of
-from sysid.discrepancy.by_posterior.textbook_flights import as_of_textbooks, is_of_the_field, with_airspeed_at_once
+from sysid.discrepancy.by_posterior.ideal_sensors import (
+    has_actuator_lag_and_coloured_noise,
+    with_airspeed_at_once,
+    with_ideal_sensors,
+)
 from sysid.discrepancy.by_posterior.verdict import verdict_of
 from sysid.discrepancy.comparison_types import MAX_EFFECTS, Asked, Compared, Outcome
 from sysid.errors import EstimationError
@@ -30,7 +34,7 @@ from sysid.problem.free_run import Fixed
 from sysid.quality.flight_rules import flights_quality
 from sysid.signals.flight import FlightSignals
 from sysid.signals.preparation import Prepared, require_thrust
-from sysid.validation.servo_replay import as_moved
+from sysid.validation.servo_replay import with_estimated_deflections
 
 _TRIMS = ("Cl_0", "Cn_0")
 
@@ -48,7 +52,7 @@ def compare(asked: Asked, read: FlightsRead) -> Outcome | None:
         base = _fitted(seen.parts, asked, model)
     except EstimationError:
         return None
-    return _searched(asked, read, seen, model, base, False) if is_of_the_field(base) else None
+    return _searched(asked, read, seen, model, base, False) if has_actuator_lag_and_coloured_noise(base) else None
 
 
 def compare_textbooks(asked: Asked, read: FlightsRead) -> Outcome:
@@ -56,7 +60,7 @@ def compare_textbooks(asked: Asked, read: FlightsRead) -> Outcome:
 
     Raises SysidError subclasses in one line.
     """
-    asked = replace(asked, vehicle=as_of_textbooks(_with_the_model_s_thrust_line(asked.vehicle)))
+    asked = replace(asked, vehicle=with_ideal_sensors(_with_the_model_s_thrust_line(asked.vehicle)))
     seen = flown(read.fitted, asked.vehicle)
     require_thrust(seen.prepared)
     asked = replace(asked, vehicle=with_airspeed_at_once(asked.vehicle))
@@ -76,7 +80,7 @@ def _searched(
     problem = Problem(vehicle, tuple(records), (), motion, {})
     fits = {group: fit_of(one, model, effects) for group, one in base.groups.items()}
     own = {f"{effect}.{key}": (asked.model.effect(effect) or {})[key] for effect, key in effects}
-    found = Found(problem, model, fits, frozenset(asked.ruled_out), {**model.values(), **own}, textbook)
+    found = SelectionState(problem, model, fits, frozenset(asked.ruled_out), {**model.values(), **own}, textbook)
     search(found, MAX_EFFECTS, lambda share, text: progress(0.28 + 0.42 * share, text))
     best = base
     if found.named:
@@ -167,7 +171,7 @@ def _beside(
     compatible: CompatibilityResult,
 ) -> Compared:
     """Flights beside the stages, surfaces moved as the servos were found to move them."""
-    flights = as_moved(prepared, signals, asked.vehicle, after[0])
+    flights = with_estimated_deflections(prepared, signals, asked.vehicle, after[0])
     first = timing_of(flights, False)
 
     def fixed(found: PosteriorEstimate, model: Model) -> Fixed:

@@ -20,7 +20,7 @@ from sim_vehicle.jit import jit, jit_inlined
 from sysid.arrays import Array, IntArray
 from sysid.live.recursive.recursive_fourier import Complex, RecursiveFourier
 from sysid.live.recursive.spectral_least_squares import weighted
-from sysid.problem.model_structure import PRIOR_SHARE, usual_size
+from sysid.problem.model_structure import PRIOR_WIDTH, usual_size
 
 # Of the Fourier sums, s: lines lie 1/WINDOW_S apart; up to HIGHEST_HZ; from LEAST_S of flight on.
 WINDOW_S = 10.0
@@ -72,7 +72,7 @@ class AxisEstimator:
         rest = [0.0] * (len(biases) + 1)
         self._vane = np.array([self.noisy[i] in VANES for i in self._moving] + [False] * len(rest))
         self._sizes = np.array([usual_size(names[i]) for i in self._moving] + rest)
-        self._doubts = [PRIOR_SHARE * usual_size(names[i]) for i in self._moving]
+        self._doubts = [PRIOR_WIDTH * usual_size(names[i]) for i in self._moving]
         self.restart()
 
     def restart(self) -> None:

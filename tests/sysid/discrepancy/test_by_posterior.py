@@ -20,7 +20,7 @@ from sim_vehicle.vehicle.strict_toml import Known
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.discrepancy import discrepancy
 from sysid.discrepancy.by_posterior.group_fits import fresh_unknown, is_size
-from sysid.discrepancy.by_posterior.textbook_flights import as_of_textbooks
+from sysid.discrepancy.by_posterior.ideal_sensors import with_ideal_sensors
 from sysid.discrepancy.candidates import Candidate
 
 
@@ -111,7 +111,7 @@ def test_what_servos_and_sensors_do_is_an_effect_where_all_else_is_the_textbooks
 def test_what_a_vehicle_file_says_of_its_servos_holds_for_a_textbook_too() -> None:
     vehicle = load_vehicle("iitb-mav")
     late = replace(vehicle.controls["elevator"], delay=Known(0.03, 0.01))
-    found = as_of_textbooks(replace(vehicle, controls={**vehicle.controls, "elevator": late}))
+    found = with_ideal_sensors(replace(vehicle, controls={**vehicle.controls, "elevator": late}))
     assert found.controls["elevator"].delay == Known(0.03, 0.01)
     assert found.controls["elevator"].lag == found.controls["aileron"].delay == Known(0.0, 0.0)
 

@@ -144,11 +144,11 @@ def test_companions_that_the_first_may_leave_of_itself_are_taken_back_and_counte
 ) -> None:
     seen: list[list[str]] = []
 
-    def left_over(problem: object, setting: object, least: float) -> dict[str, LeftOver]:
+    def lack_of_fit(problem: object, setting: object, least: float) -> dict[str, LeftOver]:
         seen.append(names_of(found))
         return {"CL": LeftOver("smooth terms", 300.0)}
 
-    monkeypatch.setattr(forward_selection, "left_over", left_over)
+    monkeypatch.setattr(forward_selection, "lack_of_fit", lack_of_fit)
     Costs(monkeypatch, {
         frozenset({"mass_error", "thrust_scale"}): -999.0, frozenset({"mass_error"}): -998.0,
     })  # fmt: skip
@@ -170,7 +170,7 @@ def test_companions_that_the_first_may_leave_of_itself_are_taken_back_and_counte
 
 
 def test_what_stands_beside_the_first_by_a_third_is_a_name_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(forward_selection, "left_over", lambda *_: {})
+    monkeypatch.setattr(forward_selection, "lack_of_fit", lambda *_: {})
     found = searched({"mass_error.scale": (0.5, 0.01), "thrust_scale.scale": (0.1, 0.01)}, together=True)
     gains = (155_000.0, 250.0)
     found.named = [

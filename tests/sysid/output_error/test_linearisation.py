@@ -16,14 +16,14 @@ from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.compatibility.reconstruction import check_compatibility
 from sysid.errors import EstimationError
 from sysid.output_error.from_problem import fit
-from sysid.output_error.linearisation import Linearised
+from sysid.output_error.linearisation import OutputErrorLinearisation
 from sysid.problem.estimation_problem import free_coefficients
 from sysid.problem.formulation import make_problem
 from sysid.signals.preparation import prepare
 
 
 @pytest.fixture(scope="module")
-def here() -> Linearised:
+def here() -> OutputErrorLinearisation:
     vehicle, model = load_vehicle("iitb-mav"), read_model("iitb-mav")
     pulse = replace(manoeuvre("elevator-pulse"), duration=4.0)
     generator = np.random.default_rng(5)
@@ -35,10 +35,10 @@ def here() -> Linearised:
     assert len(problem.records) > 1
     problem.records[0].z[5:20] = np.nan
     names = free_coefficients(list(model.coefficients), problem.motion)
-    return Linearised(problem, model, names, (), fit(problem, model, names))
+    return OutputErrorLinearisation(problem, model, names, (), fit(problem, model, names))
 
 
-def dense(here: Linearised, series: list[np.ndarray]) -> np.ndarray:
+def dense(here: OutputErrorLinearisation, series: list[np.ndarray]) -> np.ndarray:
     """Rows over the noise, records one below the other: (records, N, outputs, ...) of `series`, 0 where missing."""
     columns, sigma = here.estimation.columns, here.result.sigma
     parts = []
@@ -51,7 +51,7 @@ def dense(here: Linearised, series: list[np.ndarray]) -> np.ndarray:
     return np.concatenate(parts)
 
 
-def scattered(here: Linearised) -> list[np.ndarray]:
+def scattered(here: OutputErrorLinearisation) -> list[np.ndarray]:
     """Sensitivities of every record by all unknowns."""
     found = []
     for k, s in enumerate(here.S):
@@ -103,7 +103,7 @@ def test_a_simulation_that_diverges_next_to_the_estimate_is_refused(here):
 
 
 def test_what_the_last_step_knew_is_what_stands_at_the_estimate(here):
-    again = Linearised.fitted(here.problem, here.model, here.coefficients, here.effects)
+    again = OutputErrorLinearisation.fitted(here.problem, here.model, here.coefficients, here.effects)
     np.testing.assert_array_equal(again.result.theta, here.result.theta)
     scale = 1.0 / np.sqrt(np.diag(here.normal[0]))
     assert (

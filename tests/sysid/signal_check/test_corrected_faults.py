@@ -13,7 +13,7 @@ from sim_vehicle.errors import VehicleFileError
 from sim_vehicle.model.model_file import read_model
 from sim_vehicle.vehicle.vehicle_file import VEHICLES, Vehicle, load_vehicle
 from sysid.errors import SignalError
-from sysid.signal_check.corrected_faults import Correction, as_meant, decisive_corrections
+from sysid.signal_check.corrected_faults import Correction, decisive_corrections, repaired
 from sysid.signals.flight import FlightData, FlightSignals
 from sysid.signals.preparation import prepare
 
@@ -38,7 +38,7 @@ def flight() -> FlightSignals:
 
 
 def mended(flight: FlightSignals, vehicle: Vehicle, *as_recorded: str) -> tuple[FlightSignals, list[str]]:
-    found, mistakes = as_meant(flight, prepare(flight, vehicle), vehicle, as_recorded)
+    found, mistakes = repaired(flight, prepare(flight, vehicle), vehicle, as_recorded)
     return found, [one.sentence for one in mistakes]
 
 
@@ -123,7 +123,7 @@ def test_angles_and_rates_of_different_times_are_said_and_left(
 ) -> None:
     one = KINDS[name]
     wrong = one.apply(flight)
-    found, mistakes = as_meant(wrong, prepare(wrong, vehicle), vehicle)
+    found, mistakes = repaired(wrong, prepare(wrong, vehicle), vehicle)
     assert found is wrong
     (said,) = mistakes
     assert said.kind == "delay"
@@ -140,7 +140,7 @@ def test_a_rate_that_is_late_is_not_read_as_another_unit() -> None:
     effects = ("steady_wind:north=-2,east=1,down=0",)
     flight = fly_mav("multisine", 500, effects=effects, vehicle=other, model=read_model("ultrastick25e"))[0]
     wrong = KINDS["delay:r:200 ms"].apply(flight)
-    found, mistakes = as_meant(wrong, prepare(wrong, other), other)
+    found, mistakes = repaired(wrong, prepare(wrong, other), other)
     assert found is wrong
     (said,) = mistakes
     assert (said.kind, said.signals) == ("delay", ("psi", "r"))
@@ -161,7 +161,7 @@ def test_a_scale_of_az_is_said_and_left(flight: FlightSignals, vehicle: Vehicle)
     gains = []
     for name in ("scale:az:0.9", "scale:az:1.3"):
         wrong = KINDS[name].apply(flight)
-        found, mistakes = as_meant(wrong, prepare(wrong, vehicle), vehicle)
+        found, mistakes = repaired(wrong, prepare(wrong, vehicle), vehicle)
         assert found is wrong
         (said,) = mistakes
         assert f"reads {said.found:.2f} of true" in said.sentence
@@ -229,7 +229,7 @@ def test_air_that_no_air_is_ends_the_job_with_the_reason(flight: FlightSignals, 
     wrong = prepare(flight, vehicle)
     stretches = [replace(s, record=replace(s.record, rho=np.full(s.record.length, 0.01))) for s in wrong.stretches]
     with pytest.raises(SignalError, match=r"air density is 0\.01"):
-        as_meant(flight, replace(wrong, stretches=stretches), vehicle)
+        repaired(flight, replace(wrong, stretches=stretches), vehicle)
 
 
 def test_the_vehicle_file_names_signals_that_are_right(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from sim_vehicle.model.model_file import read_model
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.compatibility.reconstruction import check_compatibility
 from sysid.output_error.from_problem import fit
-from sysid.output_error.linearisation import Linearised
+from sysid.output_error.linearisation import OutputErrorLinearisation
 from sysid.problem.estimation_problem import free_coefficients
 from sysid.problem.formulation import make_problem
 from sysid.signals.preparation import prepare
@@ -43,11 +43,11 @@ def case():
 def test_an_error_hidden_in_the_thrust_is_found(case):
     problem, model, names, result, flown = case
     (record,) = problem.records
-    _, plain = with_input_noise(Linearised(problem, model, names, (), result))
+    _, plain = with_input_noise(OutputErrorLinearisation(problem, model, names, (), result))
     push = 2.0 * record.thrust_doubt.sum(axis=0)
     pushed = replace(problem, records=(replace(record, thrust=record.thrust + push),))
     exact = fit(pushed, model, names)
-    again, found = with_input_noise(Linearised(pushed, model, names, (), exact))
+    again, found = with_input_noise(OutputErrorLinearisation(pushed, model, names, (), exact))
     spread = {name: result.std_white(name) for name in ("CL_alpha", "CL_de")}
     fooled = {name: abs(exact.value(name) - result.value(name)) / spread[name] for name in spread}
     left = {name: abs(found.value(name) - plain.value(name)) / spread[name] for name in spread}
@@ -64,7 +64,7 @@ def test_an_error_hidden_in_the_thrust_is_found(case):
 
 def test_standard_errors_are_those_of_the_bound_with_thrust_unknown(case):
     problem, model, names, result, flown = case
-    _, found = with_input_noise(Linearised(problem, model, names, (), result))
+    _, found = with_input_noise(OutputErrorLinearisation(problem, model, names, (), result))
     told = slopes(Experiment(flown, problem.vehicle, model, LONGITUDINAL_OUTPUTS, False))
     limit = bounds(told.names, calm_information(told), [*names, *SENSORS])
     for name in names:
@@ -76,7 +76,7 @@ def test_standard_errors_are_those_of_the_bound_with_thrust_unknown(case):
 def test_thrust_that_is_no_measurement_adds_nothing(case):
     problem, model, names, result, _ = case
     exact = replace(problem, records=tuple(replace(r, thrust_doubt=np.zeros((0, 0))) for r in problem.records))
-    assert with_input_noise(Linearised(exact, model, names, (), result)) == (exact, result)
+    assert with_input_noise(OutputErrorLinearisation(exact, model, names, (), result)) == (exact, result)
 
 
 @pytest.fixture(scope="module")
@@ -98,7 +98,7 @@ def stick():
 
 def test_thrust_that_falls_with_airspeed_costs_what_the_bound_says(stick):
     problem, model, names, again, second, flown, told = stick
-    corrected, found = with_input_noise(Linearised(again, model, names, (), second))
+    corrected, found = with_input_noise(OutputErrorLinearisation(again, model, names, (), second))
 
     def error(some):
         return float(np.std(some.records[0].thrust - flown.truth["thrust"]))
@@ -121,7 +121,7 @@ def test_thrust_that_falls_with_airspeed_costs_what_the_bound_says(stick):
 
 def test_noise_of_the_propellers_speed_costs_what_the_bound_says(stick):
     problem, model, names, again, second, _, told = stick
-    _, found = with_input_noise(Linearised(again, model, names, (), second))
+    _, found = with_input_noise(OutputErrorLinearisation(again, model, names, (), second))
     information = calm_information(told)
     limit = bounds(told.names, information, [*names, *problem.sensors])
     exact = [i for i, name in enumerate(told.names) if not name.startswith("rotor ")]
@@ -144,7 +144,7 @@ def test_an_error_hidden_in_the_propellers_speed_is_found(stick):
     for case, throttle in (("as flown", record.commands), ("faster", commands)):
         problem = replace(again, records=(replace(doubted, commands=throttle),))
         exact = fit(problem, model, names)
-        corrected, found = with_input_noise(Linearised(problem, model, names, (), exact))
+        corrected, found = with_input_noise(OutputErrorLinearisation(problem, model, names, (), exact))
         estimates[case] = exact, found, corrected.records[0].commands[:, 3]
     moved = {n: abs(estimates["faster"][0].value(n) - estimates["as flown"][0].value(n)) for n in ("Cn_dr", "Cl_da")}
     left = {n: abs(estimates["faster"][1].value(n) - estimates["as flown"][1].value(n)) for n in moved}

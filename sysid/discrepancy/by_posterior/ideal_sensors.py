@@ -29,17 +29,17 @@ _NONE = Known(0.0, 0.0)
 Part = TypeVar("Part", Control, Sensor)
 
 
-def is_of_the_field(found: PosteriorEstimate) -> bool:
+def has_actuator_lag_and_coloured_noise(found: PosteriorEstimate) -> bool:
     """Whether in a group of axes servos have a delay, a lag or play, and no force leaves white noise in either.
 
     One thing alone may be what a model lacks; a flight with both is none of the textbooks, whatever the model lacks. In
     the group that lacks something nothing is known of servos.
     """
     white = any(one.output in _FORCES and _spread(one) < _WHITE for one in found.noise)
-    return not white and any(_is_loose(one) for one in found.nuisances)
+    return not white and any(_has_actuator_nuisance(one) for one in found.nuisances)
 
 
-def as_of_textbooks(vehicle: Vehicle) -> Vehicle:
+def with_ideal_sensors(vehicle: Vehicle) -> Vehicle:
     """The vehicle with servos and sensors that do at once and exactly as commanded, where its file says nothing else.
 
     The delay of the airspeed stays free: accelerometers determine it, whatever the model.
@@ -67,7 +67,7 @@ def _exact(part: Part, *keys: str) -> Part:
     return replace(part, **changes)
 
 
-def _is_loose(one: NuisanceEstimate) -> bool:
+def _has_actuator_nuisance(one: NuisanceEstimate) -> bool:
     return one.name in _LEAST and one.value > max(_LEAST[one.name], _SEEN * one.std)
 
 
