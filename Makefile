@@ -59,7 +59,7 @@ $(VENV)/.interop: $(VENV)/.ready
 
 interop: $(VENV)/.interop $(VENV)/.docs  ## browser, MAVProxy and readers that are not ours
 	@(command -v chromium && command -v firefox-esr) >/dev/null || (apt-get update -q && apt-get install -q -y --no-install-recommends chromium firefox-esr)
-	$(BIN)/python -m pytest tests/interop
+	$(BIN)/python -m pytest -n 2 --dist loadfile tests/interop
 
 page-pictures: $(VENV)/.interop  ## the pictures of docs/page.md, made anew by the browser tests
 	PAGE_PICTURES=docs/images $(BIN)/python -m pytest tests/interop/test_page.py tests/interop/test_signal_page.py tests/interop/test_aircraft_page.py

@@ -1,12 +1,14 @@
 """What the tests of other readers and browsers share."""
 
 import os
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from browser import SIZES, Visitor, chromium, firefox
 from ground import Ground
+from made_once import made_once
 from node_reader import NodeReader
 from playwright.sync_api import Browser, Playwright, sync_playwright
 from processes import free_port, start
@@ -16,23 +18,28 @@ DEMO_S = 600.0
 
 @pytest.fixture(scope="session")
 def node(tmp_path_factory: pytest.TempPathFactory) -> NodeReader:
-    """The viewers' libraries, installed once."""
-    return NodeReader.installed(tmp_path_factory.mktemp("node"))
+    """The viewers' libraries, installed once a run."""
+    return NodeReader(made_once(tmp_path_factory, "node", NodeReader.installed))
+
+
+def _demo(folder: Path) -> None:
+    demo = start("gcs", ["demo", "--data", folder])
+    _, error = demo.communicate(timeout=DEMO_S)
+    assert demo.returncode == 0, error
 
 
 @pytest.fixture(scope="session")
 def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Flights and results of `gcs demo`: two flights identified, two of an aircraft that hides a stall.
+    """Flights and results of `gcs demo`, a copy: two flights identified, two of an aircraft that hides a stall.
 
     The variable DEMO_OUTPUT may name the folder of an earlier run.
     """
     kept = os.environ.get("DEMO_OUTPUT")
-    folder = Path(kept) if kept else tmp_path_factory.mktemp("demo")
-    if not (folder / "discrepancy.json").exists():
-        demo = start("gcs", ["demo", "--data", folder])
-        _, error = demo.communicate(timeout=DEMO_S)
-        assert demo.returncode == 0, error
-    return folder / "service"
+    made = Path(kept) if kept else made_once(tmp_path_factory, "demo", _demo)
+    # Services write into it, one after another; another worker's write into theirs.
+    copy = tmp_path_factory.mktemp("demo")
+    shutil.copytree(made / "service", copy / "service")
+    return copy / "service"
 
 
 @pytest.fixture(scope="module")

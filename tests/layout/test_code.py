@@ -38,7 +38,13 @@ INVERT = {
 MOST_ARGUMENTS = 8
 MANY_ARGUMENTS = {
     *("output_or_filter_error.maximum_likelihood", "free_run.noise_floor", "sensitivities.tangents"),
-    *("predictor._simulate", "group_model.__init__", "analysis.estimate", "analysis._start_search", "flight_loop.__init__"),
+    *(
+        "predictor._simulate",
+        "group_model.__init__",
+        "analysis.estimate",
+        "analysis._start_search",
+        "flight_loop.__init__",
+    ),
 }
 
 

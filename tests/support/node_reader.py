@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 import subprocess
+import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -34,10 +35,9 @@ class NodeReader:
 
         64-bit integers, NaN and infinities are text.
         """
-        target = self.folder / "messages.jsonl"
-        _run(["node", "read.mjs", str(recording), str(target)], self.folder)
-        with target.open(encoding="utf-8") as lines:
-            return [json.loads(line) for line in lines]
+        with tempfile.NamedTemporaryFile(suffix=".jsonl") as target:
+            _run(["node", "read.mjs", str(recording), target.name], self.folder)
+            return [json.loads(line) for line in target]
 
     def check_types(self, project: Path) -> str:
         """What TypeScript's compiler finds wrong with a project, a line each; nothing where all is well."""
