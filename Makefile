@@ -61,7 +61,7 @@ interop: $(VENV)/.interop $(VENV)/.docs  ## browser, MAVProxy and readers that a
 	@(command -v chromium && command -v firefox-esr) >/dev/null || (apt-get update -q && apt-get install -q -y --no-install-recommends chromium firefox-esr)
 	$(BIN)/python -m pytest -n 2 --dist loadfile tests/interop
 
-page-pictures: $(VENV)/.interop  ## the pictures of docs/page.md, made anew by the browser tests
+page-pictures: $(VENV)/.interop  ## the pictures of docs/howto/page.md, made anew by the browser tests
 	PAGE_PICTURES=docs/images $(BIN)/python -m pytest tests/interop/test_page.py tests/interop/test_signal_page.py tests/interop/test_aircraft_page.py
 
 $(VENV)/.bench: $(VENV)/.ready

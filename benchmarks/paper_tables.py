@@ -1,8 +1,8 @@
 """Tables III and IV of the reference paper, over many flights. Run: python benchmarks/paper_tables.py [--seeds N]
 
 The paper's aircraft flies the paper's experiment in calm air (10 s, one elevator pulse, sensor errors of Table II) once
-per seed; two estimators get the same signals, and a requirement that either fails makes the exit code 1. docs/paper.md
-says what the paper prints, what had to be chosen, and what the figures mean.
+per seed; two estimators get the same signals, and a requirement that either fails makes the exit code 1.
+docs/explanation/paper.md says what the paper prints, what had to be chosen, and what the figures mean.
 
 Source: P. Jolly, V. V. Unhelkar, H. Arya, "A Comprehensive Sensor Suite for Mini Aerial Vehicle Flight Tests".
 """

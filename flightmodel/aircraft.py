@@ -41,7 +41,8 @@ class Aircraft:
         Parameters
         ----------
         name_or_path : str | Path
-            A file (docs/vehicle-file.md), or the name of an aircraft that comes with the package: "ultrastick25e".
+            A file (docs/reference/vehicle-file.md), or the name of an aircraft that comes with the package:
+            "ultrastick25e".
 
         Returns
         -------

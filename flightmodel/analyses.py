@@ -205,7 +205,7 @@ def discrepancy(
     validate_on : Flight | Sequence[Flight]
         Flights on which the gap is shown, and to which nothing is fitted.
     ruled_out : Sequence[str]
-        Effects that are known not to be there (docs/effects.md).
+        Effects that are known not to be there (docs/reference/effects.md).
     method : str
         "auto", "map" or "fe".
     start_s, stop_s : float | None

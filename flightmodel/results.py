@@ -27,7 +27,7 @@ _Z95 = 1.96
 
 @dataclass(frozen=True)
 class _Result(ABC):
-    """A result as its file holds it (docs/result-files.md)."""
+    """A result as its file holds it (docs/reference/result-files.md)."""
 
     result: Mapping[str, Any] = field(repr=False)
 

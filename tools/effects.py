@@ -1,4 +1,4 @@
-"""Print docs/effects.md from the catalogue."""
+"""Print docs/reference/effects.md from the catalogue."""
 
 from sim_vehicle.effects import EFFECTS, Parameter
 

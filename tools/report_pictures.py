@@ -1,4 +1,4 @@
-"""The pictures of docs/report.md: a flight of the simulator, identified, and the figures of its report as PNG.
+"""The pictures of docs/howto/report.md: a flight of the simulator, identified, and the figures of its report as PNG.
 
 Run: python tools/report_pictures.py
 """

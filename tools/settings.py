@@ -1,4 +1,4 @@
-"""Print docs/settings.md: every number that an analysis rests on, with what the code says of it."""
+"""Print docs/reference/settings.md: every number that an analysis rests on, with what the code says of it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Every number that an analysis in `sysid` rests on and that no vehicle file or op
 lengths of time. This page is printed by `python tools/settings.py` from the code, where each stands beside what uses
 it; to try another one, change it there. A recording, a vehicle file and a version of this software give the same
 result again, since none of these is chosen anew for a flight. Figures without a source were set on simulated flights,
-as [methods.md](methods.md) and the pages on accuracy say.
+as [methods.md](../explanation/methods.md) and the pages on accuracy say.
 """
 
 _FUNCTIONS = ("np.log", "np.exp", "np.sqrt", "np.radians", "np.deg2rad", "math.log", "math.radians", "float")

@@ -7,7 +7,8 @@ The log is of their insgnss_tools repository (MIT licence): a structure `flight_
 made up: what the log does not hold, or holds as a stand-in, is left out of the recording. Left out are the surfaces and
 the throttle while the pilot flies (the columns then repeat one value), GPS samples between two fixes (the columns
 repeat the last), and everything that the log's own filter derives but the attitude. The vehicle file takes surfaces
-from the named values that carry them, as commands in rad, and says what else the log leaves open: docs/real-flights.md.
+from the named values that carry them, as commands in rad, and says what else the log leaves open:
+docs/explanation/real-flights.md.
 """
 
 from __future__ import annotations
@@ -39,7 +40,8 @@ COLUMNS = (
 _MOTOR_INTERVAL_S = 0.5
 _LARGEST_SHIFT_S = 30.0
 
-VEHICLE = """# Ultra Stick 25e "Thor" in the flight of {name}: written by tools/thor.py; see docs/real-flights.md.
+VEHICLE = """# Ultra Stick 25e "Thor" in the flight of {name}: written by tools/thor.py;
+# see docs/explanation/real-flights.md.
 
 name = "thor"
 

@@ -31,7 +31,8 @@ def build_parser() -> argparse.ArgumentParser:
     add("--manoeuvre", action="append", default=[], metavar="NAME[,NAME...]", help="manoeuvres, in order")
     add("--plan", metavar="PLAN.json", help="a plan file instead of --manoeuvre")
     add("--fail", action="append", default=[], metavar="NAME[=SIZE]@SECONDS",
-        help="break a surface, a wing, a sensor in flight, as elevator=0.5@40; see docs/simulator.md")  # fmt: skip
+        help="break a surface, a wing, a sensor in flight, as elevator=0.5@40; "
+        "see docs/reference/simulator.md")  # fmt: skip
     add("--duration", type=float, metavar="S", help="repeat or cut the manoeuvres to this many seconds")
     add("--noise", choices=("table2", "none"), default="table2", help="sensor errors (default table2)")
     add("--taxi", action="store_true", help="begin and end standing on the ground")
@@ -42,7 +43,7 @@ def build_parser() -> argparse.ArgumentParser:
         help="fly K vehicles at once, systems N to N+K-1, each with the next seed")  # fmt: skip
     add("--fault", action="append", default=[], metavar="KEY=VALUE[,...]",
         help="loss, delay, jitter, late, duplicate, reorder, corrupt, garbage, outage=BEGIN:END, "
-        "drift-ppm, clock-reset=S; see docs/simulator.md")  # fmt: skip
+        "drift-ppm, clock-reset=S; see docs/reference/simulator.md")  # fmt: skip
     add("--wait-arm", action="store_true", help="with --taxi: stand until a ground station arms the vehicle")
     add("--signing-key", metavar="FILE", help="sign frames and take only signed ones: 32 bytes, or 64 hex digits")
     add("--mavlink1", action="store_true", help="speak MAVLink 1, which has no AIRSPEED, AOA_SSA, DEBUG_FLOAT_ARRAY")

@@ -16,7 +16,7 @@ from sysid.calibration import calibrate, read_points
 
 ROOT = Path(__file__).resolve().parents[2]
 BENCH = ROOT / "docs" / "calibration"
-PAGE = ROOT / "docs" / "calibration.md"
+PAGE = ROOT / "docs" / "howto" / "calibration.md"
 G = 9.80665
 
 Array = NDArray[np.float64]

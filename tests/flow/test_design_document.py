@@ -1,4 +1,4 @@
-"""The example of docs/design.md: its commands are run as they stand there, and its flight keeps what was promised."""
+"""The example of docs/howto/design.md: its commands run as they stand, and its flight keeps what was promised."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from gcs.cli import build_parser
 from gcs.cli import main as gcs
 from sim_vehicle.cli.main import main as sim_vehicle
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "design.md"
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "howto" / "design.md"
 PROGRAMS = {"gcs": gcs, "sim-vehicle": sim_vehicle}
 
 

@@ -24,12 +24,12 @@ MADE = {"docs/reference/cli.md", "docs/reference/rest.md", "docs/reference/pytho
 
 def test_the_page_of_effects_is_the_catalogue() -> None:
     page = runpy.run_path(str(ROOT / "tools" / "effects.py"))["page"]()
-    assert (ROOT / "docs" / "effects.md").read_text(encoding="utf-8") == page
+    assert (ROOT / "docs" / "reference" / "effects.md").read_text(encoding="utf-8") == page
 
 
 def test_the_page_of_settings_is_the_code_and_none_stands_without_a_word() -> None:
     made = runpy.run_path(str(ROOT / "tools" / "settings.py"))
-    assert (ROOT / "docs" / "settings.md").read_text(encoding="utf-8") == made["page"]()
+    assert (ROOT / "docs" / "reference" / "settings.md").read_text(encoding="utf-8") == made["page"]()
     silent = [
         (path, group.entries) for path, found in made["settings"]().items() for group in found if not group.meaning
     ]
@@ -46,7 +46,7 @@ def test_links_lead_somewhere(page: Path) -> None:
 def test_every_page_has_its_place_in_the_site() -> None:
     listed = re.findall(r": ([\w/-]+\.md)$", (ROOT / "mkdocs.yml").read_text(encoding="utf-8"), re.MULTILINE)
     pages = {page.relative_to(ROOT / "docs").as_posix() for page in PAGES if page.parent != ROOT}
-    assert pages | {path.removeprefix("docs/") for path in MADE} | {"benchmark-scripts.md"} == set(listed)
+    assert pages | {path.removeprefix("docs/") for path in MADE} | {"explanation/benchmark-scripts.md"} == set(listed)
     assert len(listed) == len(set(listed))
 
 

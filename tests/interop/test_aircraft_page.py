@@ -97,7 +97,7 @@ def identify(visitor: Visitor, url: str, log: Path) -> None:
     job = httpx.get(f"{url}/api/jobs/{model['job_id']}", timeout=PATIENCE_S).json()
     assert job["request"]["vehicle"] == "thor@1"
     lift = httpx.get(f"{url}/api/models/{model['id']}", timeout=PATIENCE_S).json()["coefficients"]["CL_alpha"]
-    # What the simulator flew: 4.58 per rad (docs/vehicles.md); its sensors sit where this form does not say.
+    # What the simulator flew: 4.58 per rad (docs/reference/vehicles.md); its sensors sit where this form does not say.
     assert lift["value"] == pytest.approx(4.58, rel=0.1)
 
 

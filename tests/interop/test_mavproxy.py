@@ -1,6 +1,6 @@
 """MAVProxy, the ground station of ArduPilot's developers, meets two simulated vehicles,
 
-which wait for it to arm them as docs/simulator.md shows."""
+which wait for it to arm them as docs/reference/simulator.md shows."""
 
 from __future__ import annotations
 

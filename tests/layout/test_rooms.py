@@ -12,7 +12,7 @@ import pytest
 from import_walk import imported, module_name, modules_of, part_of, upward_imports
 
 ROOT = Path(__file__).resolve().parents[2]
-# Modules and folders of each package (docs/architecture.md): one may import those named before it.
+# Modules and folders of each package (docs/explanation/architecture.md): one may import those named before it.
 ORDER = {
     "sysid": (
         *(
@@ -269,7 +269,7 @@ def test_a_constant_written_out_is_found(tmp_path: Path) -> None:
 
 
 def test_the_stages_of_identification_name_modules_that_are_there() -> None:
-    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs" / "explanation" / "architecture.md").read_text(encoding="utf-8")
     stages = text.split("## Parts of identification")[1].split("Imports go down")[0]
     named = set(re.findall(r"\b([a-z_]+)\.([a-z_]+)\b", stages))
     assert len(named) > 5

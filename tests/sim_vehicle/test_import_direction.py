@@ -14,7 +14,7 @@ MAY_IMPORT = {
     "gcs": {"sim_vehicle", "sysid", "gcs"},
     "flightmodel": {"sim_vehicle", "sysid", "gcs", "flightmodel"},
 }
-# The parts of gcs (docs/architecture.md): each may import those named before it.
+# The parts of gcs (docs/explanation/architecture.md): each may import those named before it.
 PARTS = (
     *(
         "errors",

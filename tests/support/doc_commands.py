@@ -43,7 +43,7 @@ class Block:
 
     @property
     def name(self) -> str:
-        """Where the block stands, as `docs/links.md:31`."""
+        """Where the block stands, as `docs/reference/links.md:31`."""
         return f"{self.page.relative_to(ROOT)}:{self.line}"
 
     def commands(self) -> list[list[str]]:

@@ -16,7 +16,7 @@ from mkdocs.structure.pages import Page
 ROOT = Path(__file__).resolve().parents[2]
 # What pages link to outside docs/ goes along with the site: these files as they are, and this page as one of its own.
 SHIPPED = "sim_vehicle/vehicles"
-SCRIPTS, SCRIPTS_PAGE = "benchmarks/README.md", "benchmark-scripts.md"
+SCRIPTS, SCRIPTS_PAGE = "benchmarks/README.md", "explanation/benchmark-scripts.md"
 _OUTSIDE = re.compile(rf"\]\((?:\.\./)+({SHIPPED}/[^)#]+|{SCRIPTS})\)")
 
 
@@ -27,7 +27,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         "reference/cli.md": command_pages.page(),
         "reference/rest.md": rest_page.page(schema),
         "reference/openapi.json": rest_page.text(schema),
-        SCRIPTS_PAGE: (ROOT / SCRIPTS).read_text(encoding="utf-8").replace("](../docs/", "]("),
+        SCRIPTS_PAGE: (ROOT / SCRIPTS).read_text(encoding="utf-8").replace("](../docs/", "](../"),
         **python_pages.pages(ROOT),
     }
     for name, content in made.items():

@@ -8,7 +8,8 @@ from pathlib import Path
 PACKAGES = ("flightmodel", "sim_vehicle", "sysid", "gcs")
 _HEAD = """# Python
 
-Four packages, imports one way: `sim_vehicle <- sysid <- gcs <- flightmodel` ([architecture](../../architecture.md)).
+Four packages, imports one way: `sim_vehicle <- sysid <- gcs <- flightmodel`
+([architecture](../../explanation/architecture.md)).
 Arrays are numpy's, in SI units and radians; `(n,)` and the like in a docstring are shapes. What begins with an
 underscore is internal. `flightmodel` is the public face ([how to use it](../../howto/python.md)); what stands there
 changes with major versions alone. Where to begin:
