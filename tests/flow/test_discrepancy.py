@@ -36,7 +36,7 @@ def test_a_hidden_effect_is_named_and_closes_the_gap(tmp_path: Path) -> None:
 def test_a_hidden_effect_is_named_in_turbulence(tmp_path: Path) -> None:
     hidden = ("--effect", "lift_alpha_elevator:CL_alpha_de=1.5")
     gusts = ("--effect", "turbulence:sigma=0.25,length=30", "--wind", "1,-1,0")
-    found = run_discrepancy(tmp_path, 41, 0.1, *hidden, *gusts, validate=False)
+    found = run_discrepancy(tmp_path, 41, 0.1, *hidden, *gusts, fit_s=20.0, validate=False)
     assert found["verdict"] == "missing_effect", found["reasons"]
     assert [one["name"] for one in found["effects"]] == ["lift_alpha_elevator"], found["reasons"]
     estimate = found["effects"][0]["parameters"]["CL_alpha_de"]
@@ -49,7 +49,7 @@ def test_what_gusts_of_a_wrong_model_hold_is_given_back_to_the_effect(tmp_path: 
     """An airspeed that disagrees with the motion passes for gusts twice as strong; with its own it is told."""
     hidden = ("--effect", "density_error:scale=0.12")
     gusts = ("--effect", "turbulence:sigma=0.15,length=20", "--wind", "0.5,1,0")
-    found = run_discrepancy(tmp_path, 43, 0.1, *hidden, *gusts, validate=False)
+    found = run_discrepancy(tmp_path, 43, 0.1, *hidden, *gusts, fit_s=20.0, validate=False)
     assert found["verdict"] == "missing_effect", found["reasons"]
     # Whether the air or the sensor is to blame no flight tells without another airspeed.
     (named,) = found["effects"]

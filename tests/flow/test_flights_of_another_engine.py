@@ -88,8 +88,9 @@ def test_the_right_effect_is_named_alone_though_smooth_terms_gain_hundreds_besid
     for log in logs:
         log.write_bytes(lzma.decompress((place / f"{log.name}.xz").read_bytes()))
     out = tmp_path / "found.json"
-    assert main(["discrepancy", str(logs[0]), "--validate", str(logs[1]), "--vehicle", str(place / "vehicle.toml"),
-        "--model", str(place / "baseline.json"), "-o", str(out), "--quiet"]) == 0  # fmt: skip
+    given = ["--vehicle", str(place / "vehicle.toml"), "--model", str(place / "baseline.json"), "-o", str(out)]
+    part = ["--from", "20", "--to", "50"]
+    assert main(["discrepancy", str(logs[0]), "--validate", str(logs[1]), *given, *part, "--quiet"]) == 0
     found = json.loads(out.read_text())
     assert found["verdict"] == "missing_effect"
     assert [one["name"] for one in found["effects"]] == [json.loads((place / "truth.json").read_text())["right_name"]]

@@ -34,10 +34,15 @@ def baseline(seed: int, share: float) -> Model:
     return model
 
 
-def run_discrepancy(folder: Path, seed: int, share: float, *effect: str, validate: bool = True) -> dict[str, Any]:
-    """Fly once, or twice to validate, compare with a baseline by the command line, fly the model it writes."""
+def run_discrepancy(
+    folder: Path, seed: int, share: float, *effect: str, fit_s: float = 14.0, validate: bool = True
+) -> dict[str, Any]:
+    """Fly once, for `fit_s` seconds, or twice to validate; compare with a baseline by the command line.
+
+    The model that the command writes is flown as well.
+    """
     fit, judge, model, repaired = (folder / name for name in ("fit.mcap", "judge.mcap", "base.json", "new.json"))
-    fly(fit, FIT, seed, "--set", "manoeuvre.amplitude=0.025", *effect)
+    fly(fit, FIT, seed, "--set", "manoeuvre.amplitude=0.025", "--duration", f"{fit_s}", *effect)
     if validate:
         fly(judge, JUDGE, seed + 1, *effect)
     baseline(seed, share).write(model)
