@@ -9,6 +9,7 @@ from dataclasses import replace
 import lz4.frame
 import numpy as np
 import zstandard
+from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
 from gcs.recording import records
@@ -21,7 +22,7 @@ LARGEST_CHUNK = 256 << 20
 # A search gives up once chunks that turned out to be none held this many bytes, and some for each byte searched.
 _SEARCH_BYTES = 64 << 20
 _SEARCH_SHARE = 8
-_RECORD_HEAD = 9
+_RECORD_HEAD = records.HEAD.size
 _LONGEST_HEAD = 4096
 
 Bytes = NDArray[np.uint8]
@@ -78,7 +79,7 @@ def find_chunk(file: Bytes, start: int, stop: int) -> tuple[ChunkInfo | None, in
         info, checksum, data_at = _head(file, at, stop - at)
         length = data_at + info.compressed_size - at
         chunk = replace(info, length=length)
-        named = records.record_head(records.CHUNK, length - _RECORD_HEAD)
+        named = records.HEAD.pack(Opcode.CHUNK, length - _RECORD_HEAD)
         try:
             if not checksum and file[at : at + _RECORD_HEAD].tobytes() != named:
                 raise ValueError("nothing says that this is a chunk")
@@ -97,16 +98,16 @@ def is_cut_off(file: Bytes, start: int, stop: int) -> bool:
     rest = file[start:stop]
     if rest.size < _RECORD_HEAD or not rest.any():
         return True
-    opcode, length = records.read_record_head(rest[:_RECORD_HEAD].tobytes())
-    if not records.HEADER <= opcode <= records.DATA_END or length <= rest.size - _RECORD_HEAD:
+    opcode, length = records.HEAD.unpack(rest[:_RECORD_HEAD].tobytes())
+    if not Opcode.HEADER <= opcode <= Opcode.DATA_END or length <= rest.size - _RECORD_HEAD:
         return False
-    if opcode != records.CHUNK:
+    if opcode != Opcode.CHUNK:
         return True
     try:
         info, _, at = _head(file, start, stop - start)
     except ValueError:
         return True
-    return at + info.compressed_size == start + _RECORD_HEAD + length
+    return bool(at + info.compressed_size == start + _RECORD_HEAD + length)
 
 
 def _head(file: Bytes, offset: int, length: int) -> tuple[ChunkInfo, int, int]:

@@ -11,12 +11,14 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Channel, Footer, Metadata, Schema, Statistics
 from numpy.typing import NDArray
 
 from gcs.errors import RecordingError
 from gcs.recording import records
 from gcs.recording.chunks import checked_content, decompress, find_chunk, is_cut_off
-from gcs.recording.records import Attachment, Channel, ChunkInfo, Schema
+from gcs.recording.records import ChunkInfo, Content
 from gcs.recording.scan import first_unfit, list_messages, walk_records
 from gcs.text.sizes import size_text
 
@@ -27,8 +29,8 @@ Ints = NDArray[np.int64]
 LOG_ENDINGS = (".tlog", ".bin", ".ulg", ".csv", ".tsv", ".txt", ".parquet", ".mat", ".db3", ".bag")
 
 GROUP_BYTES = 256 << 20  # uncompressed bytes that are held at a time
-_FOOTER_BYTES = 9 + 20 + 8
-_RECORD_HEAD = 9
+_RECORD_HEAD = records.HEAD.size
+_FOOTER_BYTES = _RECORD_HEAD + 20 + len(records.MAGIC)
 
 
 @dataclass
@@ -133,7 +135,7 @@ class Container:
             self.damage.notes.append("the first bytes are not those of an MCAP file; its end was believed")
         elif magic != records.MAGIC[: len(magic)]:
             raise RecordingError(f"{self.path} is not an MCAP file; `gcs import` reads {', '.join(LOG_ENDINGS)}")
-        if self.bytes.size < len(records.MAGIC) + 9:
+        if self.bytes.size < len(records.MAGIC) + _RECORD_HEAD:
             raise RecordingError(f"{self.path} was cut off before its first message; there is nothing to use in it")
 
     def _content(self, place: Ints) -> bytes:
@@ -168,7 +170,7 @@ class Container:
         start, stop = len(records.MAGIC), self.bytes.size
         places, end = self._walk(start, stop)
         self._take(places)
-        ended = places.size > 0 and places[-1, 0] == records.FOOTER
+        ended = places.size > 0 and places[-1, 0] == Opcode.FOOTER
         astray = not ended
         while not ended:
             later = [chunk.offset for chunk in summary if chunk.offset > end]
@@ -176,7 +178,7 @@ class Container:
                 break
             places, end = self._walk(later[0], stop)
             self._take(places)
-            ended = places.size > 0 and places[-1, 0] == records.FOOTER
+            ended = places.size > 0 and places[-1, 0] == Opcode.FOOTER
         # A damaged length leads the walk astray, even past good chunks.
         if astray or [chunk.offset for chunk in self.chunks] != [chunk.offset for chunk in summary]:
             self.damage.notes.append("a record's length is damaged; the chunks were found by the summary")
@@ -191,8 +193,8 @@ class Container:
             if sound < len(places):
                 places, end = places[:sound], int(places[sound, 1]) - _RECORD_HEAD
             self._take(places)
-            if np.isin(places[:, 0], (records.DATA_END, records.FOOTER)).any():
-                self.damage.truncated = records.FOOTER not in places[:, 0]
+            if np.isin(places[:, 0], (Opcode.DATA_END, Opcode.FOOTER)).any():
+                self.damage.truncated = Opcode.FOOTER not in places[:, 0]
                 cut = True
                 break
             chunk, wrong = find_chunk(self.bytes, end, stop)
@@ -213,28 +215,28 @@ class Container:
     def _read_summary(self) -> list[ChunkInfo]:
         """Schemas, channels, counts and chunk places of the summary, if it is there and sound."""
         footer = self.bytes[-_FOOTER_BYTES:].tobytes()
-        if len(footer) < _FOOTER_BYTES or footer[0] != records.FOOTER:
+        if len(footer) < _FOOTER_BYTES or footer[0] != Opcode.FOOTER:
             return []
-        start, _, checksum = records.Cursor(footer[9:]).numbers("QQI")
+        said: Footer = Footer.read(Content(footer[_RECORD_HEAD:]))
+        start = said.summary_start
         end = self.bytes.size - _FOOTER_BYTES
         if not 0 < start <= end:
             return []
-        if checksum and zlib.crc32(self.bytes[start : end + 25].data) != checksum:
+        if said.summary_crc and zlib.crc32(self.bytes[start : end + 25].data) != said.summary_crc:
             self.damage.notes.append("the summary is damaged; the file was read without it")
             return []
         chunks = []
         try:
             for place in self._walk(start, end)[0]:
-                if place[0] in (records.SCHEMA, records.CHANNEL):
-                    self._take_definition(int(place[0]), self._content(place))
-                elif place[0] == records.STATISTICS:
-                    self.message_counts = records.read_statistics(self._content(place))
-                elif place[0] == records.CHUNK_INDEX:
-                    chunks.append(records.read_chunk_index(self._content(place)))
-                    self._indexed[chunks[-1].offset] = (
-                        chunks[-1],
-                        records.read_index_channels(self._content(place)),
-                    )
+                opcode = int(place[0])
+                if opcode == Opcode.CHUNK_INDEX:
+                    chunk, held = records.read_chunk_index(self._content(place))
+                    chunks.append(chunk)
+                    self._indexed[chunk.offset] = chunk, held
+                elif opcode == Opcode.STATISTICS:
+                    self.message_counts = Statistics.read(Content(self._content(place))).channel_message_counts
+                elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                    self._take_definition(opcode, self._content(place))
         except ValueError as error:
             self.damage.notes.append(f"the summary is damaged ({error}); the file was read without it")
             self.message_counts = None
@@ -243,29 +245,34 @@ class Container:
         return sorted(chunks, key=lambda chunk: chunk.offset)
 
     def _take_definition(self, opcode: int, content: bytes) -> None:
-        if opcode == records.SCHEMA:
-            schema = records.read_schema(content)
+        if opcode == Opcode.SCHEMA:
+            schema: Schema = Schema.read(Content(content))
+            if schema.encoding == "ros2msg":
+                schema.data.decode()  # a ValueError where text is damaged; other definitions may be no text
             self.schemas[schema.id] = schema
         else:
-            channel = records.read_channel(content)
+            channel: Channel = Channel.read(Content(content))
             self.channels[channel.id] = channel
 
     def _take(self, places: Ints) -> None:
         """Keep what the records say; chunks are only noted."""
         wanted = np.isin(
-            places[:, 0], (records.SCHEMA, records.CHANNEL, records.CHUNK, records.ATTACHMENT, records.METADATA)
+            places[:, 0], (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.CHUNK, Opcode.ATTACHMENT, Opcode.METADATA)
         )
         for place in places[wanted]:
             opcode = int(place[0])
             try:
-                if opcode == records.CHUNK:
+                if opcode == Opcode.CHUNK:
                     head = self.bytes[place[1] : place[1] + min(place[2], 4096)].tobytes()
-                    info, _, _ = records.read_chunk_head(head, int(place[1]) - 9, int(place[2]) + 9)
+                    info, _, _ = records.read_chunk_head(
+                        head, int(place[1]) - _RECORD_HEAD, int(place[2]) + _RECORD_HEAD
+                    )
                     self.chunks.append(info)
-                elif opcode == records.ATTACHMENT:
+                elif opcode == Opcode.ATTACHMENT:
                     self._attachment_places.append((int(place[1]), int(place[2])))
-                elif opcode == records.METADATA:
-                    self.metadata.append(records.read_metadata(self._content(place)))
+                elif opcode == Opcode.METADATA:
+                    entry: Metadata = Metadata.read(Content(self._content(place)))
+                    self.metadata.append((entry.name, entry.metadata))
                 else:
                     self._take_definition(opcode, self._content(place))
             except ValueError as error:
@@ -275,8 +282,11 @@ class Container:
         """Without a summary the schemas and channels are only found inside the chunks."""
         for group in self.groups():
             places, _ = _walk_all(group.data)
-            for opcode, at, length in places[np.isin(places[:, 0], (records.SCHEMA, records.CHANNEL))].tolist():
-                self._take_definition(opcode, group.data[at : at + length].tobytes())
+            for opcode, at, length in places[np.isin(places[:, 0], (Opcode.SCHEMA, Opcode.CHANNEL))].tolist():
+                try:
+                    self._take_definition(opcode, group.data[at : at + length].tobytes())
+                except ValueError as error:
+                    self.damage.note(f"a description of messages in a chunk is damaged ({error})", inside=True)
 
     @cached_property
     def attachments(self) -> list[Attachment]:

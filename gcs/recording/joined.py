@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 
+from mcap.records import Attachment, Channel, Schema
+
 from gcs.errors import RecordingError
 from gcs.recording.container import Container, Damage, Group
 from gcs.recording.parts import part_of
-from gcs.recording.records import Attachment, Channel, ChunkInfo, Schema
+from gcs.recording.records import ChunkInfo
 
 
 class JoinedContainer:

@@ -9,12 +9,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from mcap.records import Attachment
 from numpy.typing import NDArray
 
 from gcs.errors import RecordingError
 from gcs.mavlink.dialect import Dialect
 from gcs.mavlink.framing import Frames
-from gcs.recording.records import Attachment
 from gcs.recording.storage import StorageOptions
 from gcs.recording.writer import Counts, Lost, McapWriter
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from mcap.records import Attachment
 from numpy.typing import NDArray
 
 from gcs.errors import RecordingError
@@ -22,7 +23,6 @@ from gcs.recording.build import RUN_NOISE, RUN_UNKNOWN
 from gcs.recording.columns import MessageChannel, MessageColumns, Selection, iter_columns, joined, message_channel
 from gcs.recording.container import Container, Damage, Group
 from gcs.recording.joined import JoinedContainer
-from gcs.recording.records import Attachment
 from gcs.recording.wire import WIRE_TOPIC, WireRecord, decode_wire
 
 #: Uncompressed bytes of a file that are held at a time where it is read in parts.
@@ -203,7 +203,7 @@ class Recording:
             schema = self._file.schemas.get(schema_id)
             if schema is None:
                 raise RecordingError(f"{self.path} lacks the definition of a message; it is damaged there")
-            layout = parse_ros2msg(schema.text)
+            layout = parse_ros2msg(schema.data.decode(errors="replace"))
             possible = 0 < layout.wire_size <= scan.LARGEST_PAYLOAD and len(layout.runs) <= scan.LARGEST_RUN_COUNT
             if not possible or len({field.name for field in layout.fields}) < len(layout.fields):
                 raise RecordingError(f"{self.path}: {schema.name} is defined as no MAVLink message can be")

@@ -11,11 +11,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from mcap.opcode import Opcode
 
 from gcs.errors import RecordingError
 from gcs.recording.container import Container, Damage
 from gcs.recording.joined import JoinedContainer
-from gcs.recording.records import CHUNK, ChunkInfo, record, record_head
+from gcs.recording.records import HEAD, ChunkInfo
 from gcs.recording.scan import list_messages
 from gcs.recording.sink import RecordingSink
 from gcs.recording.storage import SyncPolicy
@@ -25,7 +26,7 @@ UNFINISHED = ".unfinished"
 #: Metadata of a recording that was completed after it had been cut off; its `notes` say what was left out.
 COMPLETED = "completed"
 # Of a message's record in front of its data: opcode, length, channel, sequence and two times.
-_MESSAGE_HEAD = 9 + 22
+_MESSAGE_HEAD = HEAD.size + 22
 _WAITING_BYTES = 64 << 20
 
 
@@ -82,8 +83,8 @@ def _copy_chunks(container: Container, sink: RecordingSink, channels: list[int])
 
 def _record(container: Container, chunk: ChunkInfo) -> bytes:
     """The chunk's record; its opcode and length, which nothing protects, are made anew."""
-    start = chunk.offset + len(record_head(CHUNK, 0))
-    return record(CHUNK, container.bytes[start : chunk.offset + chunk.length].tobytes())
+    content = container.bytes[chunk.offset + HEAD.size : chunk.offset + chunk.length].tobytes()
+    return HEAD.pack(Opcode.CHUNK, len(content)) + content
 
 
 def _index(content: np.ndarray[tuple[int], np.dtype[np.uint8]]) -> np.ndarray[tuple[int, int], np.dtype[np.int64]]:

@@ -10,7 +10,6 @@ import contextlib
 import errno
 import os
 import queue
-import struct
 import threading
 import time
 import zlib
@@ -21,13 +20,25 @@ from pathlib import Path
 import lz4.frame
 import numpy as np
 import zstandard
+from mcap.records import (
+    Attachment,
+    AttachmentIndex,
+    Channel,
+    ChunkIndex,
+    DataEnd,
+    Header,
+    Metadata,
+    MetadataIndex,
+    Schema,
+    Statistics,
+)
 from numpy.typing import NDArray
 
 from gcs.errors import DiskFullError, RecordingError
 from gcs.portable import free_bytes
 from gcs.recording import build as kernel
 from gcs.recording import records
-from gcs.recording.records import Attachment, Channel, ChunkInfo, Schema
+from gcs.recording.records import ChunkInfo, packed
 from gcs.recording.storage import SyncPolicy
 from gcs.text.sizes import size_text
 
@@ -123,7 +134,7 @@ class RecordingSink:
         except OSError as error:
             raise self._named(error) from None
         try:
-            self._put(records.MAGIC + records.header_record("ros2"))
+            self._put(records.MAGIC + packed(Header("ros2", records.LIBRARY)))
         except OSError as error:
             self._file.close()
             with contextlib.suppress(OSError):
@@ -154,7 +165,7 @@ class RecordingSink:
 
     def put_metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Have named pairs of text written."""
-        content = records.metadata_record(name, values)
+        content = packed(Metadata(name, dict(values)))
         self._order(lambda: self._store_metadata(name, content))
 
     def flush(self) -> None:
@@ -290,7 +301,7 @@ class RecordingSink:
         offsets, index_data = index_of_chunk(index, channels, self.position + len(data))
         self._leave_reserve(len(data) + len(index_data))
         self._put(data + index_data)
-        self._chunk_index.append(records.chunk_index_record(info, offsets, len(index_data)))
+        self._chunk_index.append(_chunk_index_record(info, offsets, len(index_data)))
         if channels >= self._counts.size:
             self._counts = np.concatenate((self._counts, np.zeros(channels, np.int64)))
         self._counts += np.bincount(index[:, 0], minlength=self._counts.size)
@@ -316,46 +327,67 @@ class RecordingSink:
 
     def _store_attachment(self, attachment: Attachment) -> None:
         if self._error is None:
-            content = records.attachment_record(attachment)
+            content = packed(attachment)
             self._leave_reserve(len(content))
-            entry = records.attachment_index_record(self.position, len(content), attachment)
+            entry = AttachmentIndex(
+                offset=self.position,
+                length=len(content),
+                log_time=attachment.log_time,
+                create_time=attachment.create_time,
+                data_size=len(attachment.data),
+                name=attachment.name,
+                media_type=attachment.media_type,
+            )
             self._put(content)
-            self._attachment_index.append(entry)
+            self._attachment_index.append(packed(entry))
 
     def _store_metadata(self, name: str, content: bytes) -> None:
         if self._error is None:
-            entry = records.metadata_index_record(self.position, len(content), name)
+            entry = packed(MetadataIndex(self.position, len(content), name))
             self._put(content)
             self._metadata_index.append(entry)
 
     def _complete(self, schemas: Sequence[Schema], channels: Sequence[Channel]) -> None:
         """The end of the data, the summary and the footer. Where there is no room for it, readers do without."""
-        tail = records.record(records.DATA_END, struct.pack("<I", self._checksum))
+        tail = packed(DataEnd(self._checksum))
         self._put(tail + records.summary_section(self._summary(schemas, channels), self.position + len(tail)))
         if self._sync.at_close:
             self._synchronise()
 
-    def _summary(self, schemas: Sequence[Schema], channels: Sequence[Channel]) -> list[tuple[int, bytes]]:
+    def _summary(self, schemas: Sequence[Schema], channels: Sequence[Channel]) -> list[bytes]:
         counts = {
             channel.id: int(self._counts[channel.id]) if channel.id < self._counts.size else 0 for channel in channels
         }
-        statistics = records.statistics_record(
-            len(schemas),
-            len(self._attachment_index),
-            len(self._metadata_index),
-            len(self._chunk_index),
-            self._first_log or 0,
-            self._last_log,
-            counts,
+        statistics = Statistics(
+            message_count=sum(counts.values()),
+            schema_count=len(schemas),
+            channel_count=len(counts),
+            attachment_count=len(self._attachment_index),
+            metadata_count=len(self._metadata_index),
+            chunk_count=len(self._chunk_index),
+            message_start_time=self._first_log or 0,
+            message_end_time=self._last_log,
+            channel_message_counts=counts,
         )
-        return [
-            (records.SCHEMA, b"".join(map(records.schema_record, schemas))),
-            (records.CHANNEL, b"".join(map(records.channel_record, channels))),
-            (records.STATISTICS, statistics),
-            (records.CHUNK_INDEX, b"".join(self._chunk_index)),
-            (records.ATTACHMENT_INDEX, b"".join(self._attachment_index)),
-            (records.METADATA_INDEX, b"".join(self._metadata_index)),
-        ]
+        indexes = (self._chunk_index, self._attachment_index, self._metadata_index)
+        return [packed(*schemas), packed(*channels), packed(statistics), *map(b"".join, indexes)]
+
+
+def _chunk_index_record(chunk: ChunkInfo, index_offsets: dict[int, int], index_length: int) -> bytes:
+    """index_offsets: channel -> place in the file of its message index record."""
+    return packed(
+        ChunkIndex(
+            message_start_time=chunk.start_ns,
+            message_end_time=chunk.end_ns,
+            chunk_start_offset=chunk.offset,
+            chunk_length=chunk.length,
+            message_index_offsets=index_offsets,
+            message_index_length=index_length,
+            compression=chunk.compression,
+            compressed_size=chunk.compressed_size,
+            uncompressed_size=chunk.uncompressed_size,
+        )
+    )
 
 
 def index_of_chunk(index: Ints, channels: int, base: int) -> tuple[dict[int, int], bytes]:

@@ -8,7 +8,6 @@ the thread of `gcs.recording.sink`.
 from __future__ import annotations
 
 import os
-import struct
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,6 +15,7 @@ from pathlib import Path
 from types import TracebackType
 
 import numpy as np
+from mcap.records import Attachment, Channel, Message, Schema
 from numpy.typing import NDArray
 
 from gcs.errors import RecordingError
@@ -23,8 +23,7 @@ from gcs.mavlink.dialect import Dialect
 from gcs.mavlink.framing import Frames
 from gcs.mavlink.sequence import sequence_states
 from gcs.recording import build as kernel
-from gcs.recording import records
-from gcs.recording.records import Attachment, Channel, Schema
+from gcs.recording.records import packed
 from gcs.recording.sink import CHUNK_BYTES, INDEX_ENTRIES, ChunkBuffer, ClosedChunk, Lost, RecordingSink
 from gcs.recording.storage import SyncPolicy
 from gcs.recording.wire import WIRE_SCHEMA, WIRE_SCHEMA_NAME, WIRE_TOPIC, encode_wire
@@ -221,7 +220,7 @@ class McapWriter:
         """
         self._close_open_chunk()
         at = max(int(self._chunk[kernel.LAST_LOG]), 0) if log_time is None else log_time
-        self._sink.put_attachment(Attachment(name, media_type, at, data))
+        self._sink.put_attachment(Attachment(at, at, name, media_type, data))
 
     def metadata(self, name: str, mapping: Mapping[str, str]) -> None:
         """Put named pairs of text into the recording."""
@@ -308,30 +307,28 @@ class McapWriter:
     def _schema(self, name: str, text: str) -> Schema:
         schema = self._schemas.get(name)
         if schema is None:
-            schema = Schema(len(self._schemas) + 1, name, "ros2msg", text)
+            schema = Schema(len(self._schemas) + 1, text.encode(), "ros2msg", name)
             self._schemas[name] = schema
-            self._append(records.schema_record(schema))
+            self._append(packed(schema))
         return schema
 
-    def _register(self, schema: Schema, topic: str, metadata: Mapping[str, str]) -> int:
+    def _register(self, schema: Schema, topic: str, metadata: dict[str, str]) -> int:
         number = len(self._channels) + 1
         if number > _LAST_CHANNEL:
             raise RecordingError(
                 f"{self.path} has {_LAST_CHANNEL} channels, the most an MCAP file holds; start another"
             )
-        channel = Channel(number, schema.id, topic, "cdr", metadata)
+        channel = Channel(number, topic, "cdr", metadata, schema.id)
         self._channels.append(channel)
         if number == self._channel_state.shape[0]:
             self._channel_state = np.concatenate((self._channel_state, np.zeros_like(self._channel_state)))
-        self._append(records.channel_record(channel))
+        self._append(packed(channel))
         return number
 
     def _describe(self) -> None:
         """Say what all channels are, so that the file can be read without the chunk that said it first."""
-        for schema in self._schemas.values():
-            self._append(records.schema_record(schema))
-        for channel in self._channels:
-            self._append(records.channel_record(channel))
+        for entry in (*self._schemas.values(), *self._channels):
+            self._append(packed(entry))
         self._undescribed = 0
 
     def _append(self, content: bytes) -> None:
@@ -356,9 +353,7 @@ class McapWriter:
         )
         entry = (link.wire_channel, log, int(self._chunk[kernel.OUT_POS]))
         sequence = self._wire_counts[link.wire_channel]
-        self._append(
-            records.record(records.MESSAGE, struct.pack("<HIQQ", link.wire_channel, sequence, log, log) + data)
-        )
+        self._append(packed(Message(link.wire_channel, log, data, log, sequence)))
         self._wire_counts[link.wire_channel] = sequence + 1
         link.first_byte = int(state[kernel.STREAM_BYTES])
         state[kernel.FORM_COUNT] = state[kernel.RUN_COUNT_] = state[kernel.RUN_BYTES] = 0

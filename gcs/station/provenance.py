@@ -12,12 +12,12 @@ from importlib import metadata
 from pathlib import Path
 
 import numpy as np
+from mcap.records import Attachment
 
 from gcs.errors import GcsError, RecordingError
 from gcs.links.url import link_names, parse_url
 from gcs.mavlink.dialect import Dialect, definition_files
 from gcs.recording.parts import Provenance
-from gcs.recording.records import Attachment
 from gcs.version import VERSION
 from sim_vehicle.errors import SimVehicleError
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
@@ -88,4 +88,4 @@ def _attachment(path: Path) -> Attachment:
     except OSError as error:
         raise RecordingError(f"{path} cannot be read: {error.strerror}") from None
     kind = "application/toml" if path.suffix == ".toml" else mimetypes.guess_type(path.name)[0]
-    return Attachment(path.name, kind or "application/octet-stream", 0, data)
+    return Attachment(0, 0, path.name, kind or "application/octet-stream", data)

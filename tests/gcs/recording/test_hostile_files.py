@@ -7,6 +7,8 @@ import lz4.frame
 import numpy as np
 import pytest
 import zstandard
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Channel, Header, Message, Schema
 from mcap.writer import CompressionType, Writer
 from wire_streams import wire_streams
 
@@ -148,7 +150,7 @@ def test_a_file_of_heads_of_chunks_that_are_none_is_given_up_on(tmp_path: Path) 
     for behind in range(20000, 0, -1):
         size = (behind - 1) * 49 + 1
         head = (1).to_bytes(8, "little") * 2 + size.to_bytes(8, "little") + b"\1\2\3\4" + bytes(4)
-        heads += records.record_head(records.CHUNK, 1) + head + size.to_bytes(8, "little")
+        heads += records.HEAD.pack(Opcode.CHUNK, 1) + head + size.to_bytes(8, "little")
     path.write_bytes(whole + heads + b"\0")
     recording = Recording(path)
     assert sum(recording.counts().values()) == 1
@@ -159,10 +161,31 @@ def test_attachments_are_read_when_they_are_asked_for(tmp_path: Path) -> None:
     path = crafted(tmp_path / "a.mcap", "uint32 x\n", [1], [], b"")
     data = path.read_bytes()
     first = Container(path).chunks[0].offset
-    attached = bytearray(records.attachment_record(records.Attachment("a", "b", 1, b"c" * 100)))
+    attached = bytearray(records.packed(Attachment(1, 1, "a", "b", b"c" * 100)))
     attached[-20] ^= 1
     path.write_bytes(data[:first] + bytes(attached) + data[first : first + Container(path).chunks[0].length])
     container = Container(path)
     assert not container.damage.inside
     assert container.attachments == []
     assert "checksum" in container.damage.inside
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        records.HEAD.pack(Opcode.SCHEMA, 6) + b"\1\0\xff\0\0\0",
+        records.HEAD.pack(Opcode.CHANNEL, 16) + b"\2\0\1\0" + b"\xff" * 12,
+        records.HEAD.pack(Opcode.CHANNEL, 0),
+        records.packed(Schema(2, b"\xff", "ros2msg", "a")),
+    ],
+)
+def test_a_definition_that_is_none_costs_itself_alone(bad: bytes, tmp_path: Path) -> None:
+    content = records.packed(Schema(1, b"\xff\0", "protobuf", "b"), Channel(1, "/b", "protobuf", {}, 1)) + bad
+    content += records.packed(Message(1, 5, b"c", 5, 0))
+    path = tmp_path / "a.mcap"
+    chunk = records.chunk_record(5, 5, memoryview(content), "", content)
+    path.write_bytes(records.MAGIC + records.packed(Header("", "")) + chunk + b"\6")
+    container = Container(path)
+    assert (list(container.schemas), list(container.channels)) == ([1], [1])
+    assert "description of messages in a chunk is damaged" in container.damage.inside
+    assert sum(len(group.rows) for group in container.groups()) == 1

@@ -1,11 +1,11 @@
 """Recordings that were cut off, made whole again: every whole chunk, readable by others, nothing else touched."""
 
-import struct
 from contextlib import closing
 from pathlib import Path
 
 import pytest
 from mcap.reader import make_reader
+from mcap.records import Channel, Header, Message, Schema
 from recorded_stream import DIALECT, NAMES, Stream, stream_of
 
 from gcs.catalogue.flight_table import Flight
@@ -134,12 +134,12 @@ def test_a_file_with_a_damaged_attachment_is_not_replaced(tmp_path: Path) -> Non
 
 def test_messages_of_channels_that_nothing_describes_are_no_index_and_no_crash(tmp_path: Path) -> None:
     path, new = tmp_path / "a.mcap", tmp_path / "b.mcap"
-    content = records.schema_record(records.Schema(1, "a/msg/B", "ros2msg", "uint8 c\n"))
-    content += records.channel_record(records.Channel(1, 1, "/b", "cdr", {}))
+    content = records.packed(Schema(1, b"uint8 c\n", "ros2msg", "a/msg/B"))
+    content += records.packed(Channel(1, "/b", "cdr", {}, 1))
     for channel in (1, 65535, 40000, 1):
-        content += records.record(records.MESSAGE, struct.pack("<HIQQ", channel, 0, 5, 5) + b"\0\1\0\0\7")
+        content += records.packed(Message(channel, 5, b"\0\1\0\0\7", 5, 0))
     chunk = records.chunk_record(5, 5, memoryview(content), "", content)
-    path.write_bytes(records.MAGIC + records.header_record("ros2") + chunk + b"\x06")
+    path.write_bytes(records.MAGIC + records.packed(Header("ros2", "")) + chunk + b"\x06")
     damage = repair([path], new)
     assert damage.notes[-1] == "a.mcap: 2 messages are of channels that nothing in the file describes"
     with open(new, "rb") as file:
