@@ -53,6 +53,8 @@ def decompress(chunk: ChunkInfo, stored: bytes) -> bytes:
 
 def checked_content(file: Bytes, chunk: ChunkInfo, unpack: Decompress = decompress) -> bytes:
     """The content of a chunk of the file; ValueError, with what is wrong, if it is not what was written."""
+    if chunk.bare:
+        return file[chunk.offset : chunk.offset + chunk.length].tobytes()
     info, checksum, at = _head(file, chunk.offset, chunk.length)
     if at + info.compressed_size > chunk.offset + chunk.length:
         raise ValueError("a chunk's lengths are damaged")

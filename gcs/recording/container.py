@@ -8,6 +8,7 @@ import zlib
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -28,8 +29,11 @@ Ints = NDArray[np.int64]
 #: Logs that can be made recordings (`gcs.formats.conversion`).
 LOG_ENDINGS = (".tlog", ".bin", ".ulg", ".csv", ".tsv", ".txt", ".parquet", ".mat", ".db3", ".bag")
 
+# Of messages that stand in no chunk, as many bytes are read like one.
+_BARE_BYTES = 1 << 20
 GROUP_BYTES = 256 << 20  # uncompressed bytes that are held at a time
 _RECORD_HEAD = records.HEAD.size
+_MESSAGE_HEAD = 22  # a message's channel, sequence and two times
 _FOOTER_BYTES = _RECORD_HEAD + 20 + len(records.MAGIC)
 
 
@@ -107,6 +111,7 @@ class Container:
         self.schemas: dict[int, Schema] = {}
         self.channels: dict[int, Channel] = {}
         self.chunks: list[ChunkInfo] = []
+        self._bare: list[ChunkInfo] = []
         self.message_counts: dict[int, int] | None = None
         self._attachment_places: list[tuple[int, int]] = []
         self.metadata: list[tuple[str, dict[str, str]]] = []
@@ -157,6 +162,7 @@ class Container:
             self._read_by_summary(summary)
         else:
             self._read_without_summary()
+        self.chunks = sorted(self.chunks + self._bare, key=lambda chunk: chunk.offset)
         if self.message_counts is None:
             self._take_definitions_of_chunks()
         if not self.channels:
@@ -255,7 +261,8 @@ class Container:
             self.channels[channel.id] = channel
 
     def _take(self, places: Ints) -> None:
-        """Keep what the records say; chunks are only noted."""
+        """Keep what the records say; chunks, and messages outside of them, are only noted."""
+        self._take_bare(places[(places[:, 0] == Opcode.MESSAGE) & (places[:, 2] >= _MESSAGE_HEAD)])
         wanted = np.isin(
             places[:, 0], (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.CHUNK, Opcode.ATTACHMENT, Opcode.METADATA)
         )
@@ -277,6 +284,19 @@ class Container:
                     self._take_definition(opcode, self._content(place))
             except ValueError as error:
                 self.damage.lose(int(place[1]) - _RECORD_HEAD, int(place[2]) + _RECORD_HEAD, str(error))
+
+    def _take_bare(self, places: Ints) -> None:
+        """Note messages outside chunks, those behind one another together."""
+        starts, ends = places[:, 1] - _RECORD_HEAD, places[:, 1] + places[:, 2]
+        apart = (starts[1:] != ends[:-1]) | (np.diff(starts // _BARE_BYTES) != 0)
+        bounds = [0, *(np.flatnonzero(apart) + 1).tolist(), len(places)] if len(places) else []
+        for first, behind in pairwise(bounds):
+            start, stop = int(starts[first]), int(ends[behind - 1])
+            rows = np.empty((behind - first, 6), np.int64)
+            list_messages(self.bytes, start, stop, rows, 0)
+            times = rows[:, 2].astype(np.uint64)
+            size = stop - start
+            self._bare.append(ChunkInfo(start, size, int(times.min()), int(times.max()), "", size, size, bare=True))
 
     def _take_definitions_of_chunks(self) -> None:
         """Without a summary the schemas and channels are only found inside the chunks."""

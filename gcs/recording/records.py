@@ -19,7 +19,10 @@ HEAD = struct.Struct("<BQ")
 
 @dataclass(frozen=True)
 class ChunkInfo:
-    """One chunk in the file: place and length of the whole record, times in ns, sizes in bytes."""
+    """One chunk in the file: place and length of the whole record, times in ns, sizes in bytes.
+
+    bare: it is none, but records of messages behind one another that stand in no chunk, and is read like one.
+    """
 
     offset: int
     length: int
@@ -28,6 +31,7 @@ class ChunkInfo:
     compression: str
     compressed_size: int
     uncompressed_size: int
+    bare: bool = False
 
 
 class Content(ReadDataStream):

@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from mcap.opcode import Opcode
 from gcs.errors import RecordingError
 from gcs.recording.container import Container, Damage
 from gcs.recording.joined import JoinedContainer
-from gcs.recording.records import HEAD, ChunkInfo
+from gcs.recording.records import HEAD, ChunkInfo, chunk_record
 from gcs.recording.scan import list_messages
 from gcs.recording.sink import RecordingSink
 from gcs.recording.storage import SyncPolicy
@@ -70,7 +71,8 @@ def _copy_chunks(container: Container, sink: RecordingSink, channels: list[int])
         index = _index(np.frombuffer(content, np.uint8))
         known = np.isin(index[:, 0], channels)
         unknown += len(known) - int(known.sum())
-        sink.copy_chunk(_record(container, chunk), chunk, index[known], channels[-1])
+        data = _record(container, chunk, content)
+        sink.copy_chunk(data, replace(chunk, length=len(data)), index[known], channels[-1])
         copied += int(known.sum())
         waiting += chunk.length
         if waiting > _WAITING_BYTES:
@@ -81,10 +83,15 @@ def _copy_chunks(container: Container, sink: RecordingSink, channels: list[int])
     return copied
 
 
-def _record(container: Container, chunk: ChunkInfo) -> bytes:
-    """The chunk's record; its opcode and length, which nothing protects, are made anew."""
-    content = container.bytes[chunk.offset + HEAD.size : chunk.offset + chunk.length].tobytes()
-    return HEAD.pack(Opcode.CHUNK, len(content)) + content
+def _record(container: Container, chunk: ChunkInfo, content: bytes) -> bytes:
+    """The chunk's record; its opcode and length, which nothing protects, are made anew.
+
+    Messages that stood in no chunk get one.
+    """
+    if chunk.bare:
+        return chunk_record(chunk.start_ns, chunk.end_ns, memoryview(content), "", content)
+    fields = container.bytes[chunk.offset + HEAD.size : chunk.offset + chunk.length].tobytes()
+    return HEAD.pack(Opcode.CHUNK, len(fields)) + fields
 
 
 def _index(content: np.ndarray[tuple[int], np.dtype[np.uint8]]) -> np.ndarray[tuple[int, int], np.dtype[np.int64]]:

@@ -7,12 +7,13 @@ from pathlib import Path
 
 import pytest
 from mcap.exceptions import McapError
-from mcap.reader import NonSeekingReader
+from mcap.reader import NonSeekingReader, make_reader
 from mcap.records import Message
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, IndexType, Writer
 
 from gcs.recording.container import Container
+from gcs.recording.repair import repair
 
 MESSAGES = 300
 Found = list[tuple[int, int, int, int, bytes]]
@@ -30,6 +31,8 @@ KINDS: dict[str, dict[str, object]] = {
     "no index": {"index_types": IndexType.NONE},
     "no summary": NOTHING_AT_THE_END,
     "no checksums": {"enable_crcs": False},
+    "no chunks": {"use_chunking": False},
+    "no chunks, no summary": {"use_chunking": False, **NOTHING_AT_THE_END},
 }
 
 
@@ -96,3 +99,19 @@ def test_a_file_cut_off_anywhere_holds_what_another_reader_finds_in_it(kind: str
         assert not container.damage.inside
         counts.add(len(found))
     assert len(counts) > 3
+
+
+@pytest.mark.parametrize("kind", ["no index", "no chunks"])
+def test_a_repaired_file_of_another_writer_has_an_index_and_all_messages(kind: str, tmp_path: Path) -> None:
+    path, new = tmp_path / "a.mcap", tmp_path / "b.mcap"
+    data = written(path, **KINDS[kind])
+    path.write_bytes(data[: len(data) * 2 // 3])
+    kept = streamed(path.read_bytes())
+    assert not repair([path], new).inside
+    assert streamed(new.read_bytes()) == kept
+    with open(new, "rb") as file:
+        summary = make_reader(file, validate_crcs=True).get_summary()
+        assert summary is not None
+        assert summary.statistics is not None
+        assert summary.statistics.message_count == len(kept) > MESSAGES // 3
+        assert sum(1 for _ in make_reader(file).iter_messages(topics=["/b1"])) == sum(entry[0] == 2 for entry in kept)
