@@ -79,6 +79,7 @@ def _compared(asked: Asked, method: str) -> Outcome:
 
     asked.progress(0.02, "units, signs and axes")
     read = read_flights(asked.flights, asked.validate_on, asked.vehicle, asked.as_recorded, asked.start_s, asked.stop_s)
+    asked = replace(asked, vehicle=read.doubted(asked.vehicle))
     if method == "fe":
         return by_filter_error.compare(asked, read)
     if (found := compare(asked, read)) is not None:

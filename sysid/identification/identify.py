@@ -129,6 +129,7 @@ def identify(
     )  # fmt: skip
     progress(0.05, "units, signs and axes")
     read = read_flights(flights, validate_on, vehicle, as_recorded, start_s, stop_s)
+    asked = replace(asked, vehicle=read.doubted(vehicle))
     if method == "map":
         found = _by_posterior(asked, read)
     elif method != "auto":
@@ -169,7 +170,10 @@ def _output_error_if_white(
         return None
     if not moving_mass_known(asked.vehicle) and any("thrust" in one.signals.signals for one in read.fitted):
         return None
-    if any(one.doubt or one.prepared.thrust_source.missing or not has_whole_imu(one.signals) for one in read.fitted):
+    if any(
+        one.doubt or one.airspeed_std or one.prepared.thrust_source.missing or not has_whole_imu(one.signals)
+        for one in read.fitted
+    ):
         return None
     try:
         books = _identify_by_classical_method(asked, "oe", read, compatible)

@@ -9,8 +9,9 @@ import numpy as np
 
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
-from sysid.errors import SysidError
+from sysid.errors import SignalError, SysidError
 from sysid.signal_check.corrected_faults import repaired
+from sysid.signal_check.dead_airspeed import with_airspeed
 from sysid.signal_check.fault import Mistake
 from sysid.signals.flight import BY_ATTITUDE, FlightSignals, Signal, repeats
 from sysid.signals.preparation import Prepared, prepare
@@ -28,7 +29,8 @@ class RepairedFlight:
     """A flight as its sensors meant it: its signals, the same prepared, and the mistakes that were mended.
 
     signals: without accelerometers that are dead, and the attitude's rates for gyros that are. doubt: why it may not be
-    a flight, where all of it was taken. whole: whether nothing was lost that had to be bridged.
+    a flight, where all of it was taken. whole: whether nothing was lost that had to be bridged. airspeed_std: share by
+    which all of the airspeed may be wrong where something else stands for its dead sensor, else 0.
     """
 
     signals: FlightSignals
@@ -36,6 +38,7 @@ class RepairedFlight:
     mistakes: tuple[Mistake, ...]
     doubt: SysidError | None
     whole: bool
+    airspeed_std: float = 0.0
 
     def as_measured(self, vehicle: Vehicle, start_s: float | None = None, stop_s: float | None = None) -> Prepared:
         """The flight prepared with the gaps that it has, for methods that take every sample for a measurement.
@@ -44,6 +47,11 @@ class RepairedFlight:
         """
         if self.doubt is not None:
             raise self.doubt
+        if self.airspeed_std:
+            raise SignalError(
+                f"{self.signals.name}: the airspeed repeats one value: its sensor is dead or not connected;"
+                " --method map does without it"
+            )
         if self.whole:
             return self.prepared
         try:
@@ -60,7 +68,8 @@ def meant(
     stop_s: float | None = None,
 ) -> RepairedFlight:
     """A flight without mistakes that no owner would doubt (sysid.signal_check.corrected_faults). Raises SysidError."""
-    flight = without_dead(flight)
+    airflow = with_airspeed(without_dead(flight), vehicle)
+    flight = airflow.signals
     found = prepared_flight(flight, vehicle, start_s, stop_s)
     try:
         signals, mistakes = repaired(flight, found.prepared, vehicle, as_recorded)
@@ -70,7 +79,7 @@ def meant(
             found = replace(found, mistakes=tuple(mistakes))
     except SysidError as error:
         raise (found.doubt or error) from error
-    return found
+    return replace(found, airspeed_std=airflow.scale_std)
 
 
 @dataclass(frozen=True)
@@ -83,6 +92,15 @@ class FlightsRead:
     def mistakes(self) -> tuple[Mistake, ...]:
         """What was mended in the flights that are fitted, or reported of them."""
         return tuple({one.sentence: one for each in self.fitted for one in each.mistakes}.values())
+
+    def doubted(self, vehicle: Vehicle) -> Vehicle:
+        """The aircraft as these flights measured it: with the doubt of an airspeed that something else stands for."""
+        share = max((one.airspeed_std for one in self.fitted), default=0.0)
+        if share == 0.0:
+            return vehicle
+        sensor = vehicle.sensors.airspeed
+        sensor = replace(sensor, scale_std=float(np.hypot(sensor.scale_std or 0.0, share)))
+        return replace(vehicle, sensors=replace(vehicle.sensors, airspeed=sensor))
 
     def judged_warnings(self) -> list[str]:
         """What is reported of the flights to judge by."""

@@ -207,7 +207,7 @@ def test_a_flight_that_is_none_is_told_in_one_line(six_axes: FlightSignals) -> N
     flights: list[tuple[FlightSignals, type[SysidError]]] = [
         (cut(six_axes, 0.0), SignalError),
         (cut(six_axes, 3.0), SegmentError),
-        (changed(six_axes, airspeed=np.zeros_like), SysidError),
+        (changed(six_axes, airspeed=np.zeros_like, vn=None), SysidError),
         (fly_mav("cruise", 1, duration=12.0)[0], SegmentError),
     ]
     for signals, kind in flights:
