@@ -40,7 +40,7 @@ def shell() -> Response:
     return Response(load_assets().shell, media_type="text/javascript; charset=utf-8", headers=headers)
 
 
-@router.get(PREFIX + "{digest}/{name}")
+@router.get(PREFIX + "{digest}/{name:path}")
 def asset(request: Request, digest: str, name: str) -> Response:
     """A file of the page. Its address changes with its content, so the browser may keep it for good."""
     found = load_assets().files.get(f"{PREFIX}{digest}/{name}")

@@ -6,6 +6,7 @@ import gzip
 import hashlib
 import json
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from html import escape
@@ -65,7 +66,7 @@ def load_assets() -> Assets:
     """The page of this version."""
     here = files(__package__)
     folder = here / "static"
-    own = {entry.name: entry.read_bytes() for entry in folder.iterdir() if Path(entry.name).suffix in _KINDS}
+    own = dict(_below(folder))
     own_at, own_files = _bundle(own)
     plots_at, plots_files = _bundle(_plotting(here / "vendor"))
     modules = sorted(name for name in own if name.endswith(".js"))
@@ -83,6 +84,15 @@ def load_assets() -> Assets:
     return Assets(document, every, shell)
 
 
+def _below(folder: Traversable, at: str = "") -> Iterator[tuple[str, bytes]]:
+    """What is served of a folder and of those in it, by its path there."""
+    for entry in folder.iterdir():
+        if entry.is_dir():
+            yield from _below(entry, f"{at}{entry.name}/")
+        elif Path(entry.name).suffix in _KINDS:
+            yield at + entry.name, entry.read_bytes()
+
+
 def _languages(own: dict[str, bytes]) -> dict[str, str]:
     """By code the own names of the languages that there are catalogues of."""
     found = {match[1]: name for name in own if (match := _LANGUAGE.fullmatch(name))}
@@ -90,7 +100,7 @@ def _languages(own: dict[str, bytes]) -> dict[str, str]:
 
 
 def _bundle(contents: dict[str, bytes]) -> tuple[str, dict[str, Asset]]:
-    """A folder of files named by what they hold: its address, and the files by theirs."""
+    """Files by their paths, in a folder named by what they hold: its address, and the files by theirs."""
     digest = hashlib.sha256()
     for name in sorted(contents):
         digest.update(name.encode() + b"\0" + contents[name] + b"\0")

@@ -13,7 +13,7 @@ from gcs.text.meanings import meaning
 from sysid.problem.model_structure import default_structure
 from sysid.signals.record import SURFACES
 
-MODULE = Path(__file__).resolve().parents[2] / "gcs" / "page" / "static" / "modeltitle.js"
+MODULE = Path(__file__).resolve().parents[2] / "gcs" / "page" / "static" / "model" / "modeltitle.js"
 PROGRAM = "import(process.argv[1]).then(m => console.log(m.modelTitle(JSON.parse(process.argv[2]))))"
 
 

@@ -15,6 +15,6 @@ def test_the_pages_modules_are_what_typescript_takes_them_for(node: NodeReader) 
 def test_a_name_that_is_not_there_is_found(node: NodeReader, tmp_path: Path) -> None:
     page = tmp_path / "page"
     shutil.copytree(PAGE, page, ignore=shutil.ignore_patterns("*.py", "__pycache__"))
-    with (page / "static" / "flights.js").open("a") as module:
+    with (page / "static" / "flight" / "flights.js").open("a") as module:
         module.write("\nasked('once')\n")
     assert "flights.js" in node.check_types(page / "tsconfig.json")

@@ -53,7 +53,9 @@ def test_the_wheel_holds_types_and_data_and_no_tests(wheel: Path) -> None:
     names = zipfile.ZipFile(wheel).namelist()
     assert {f"{package}/py.typed" for package in PACKAGES} <= set(names)
     assert "sim_vehicle/vehicles/ultrastick25e.toml" in names
-    assert any(name.startswith("gcs/page/static/") for name in names)
+    page = {path.relative_to(ROOT).as_posix() for path in (ROOT / "gcs" / "page" / "static").rglob("*.*")}
+    assert "gcs/page/static/live/live.js" in page
+    assert page <= set(names)
     assert not [name for name in names if name.startswith(("tests", "docs", "benchmarks", "tools"))]
 
 

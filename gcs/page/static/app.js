@@ -1,17 +1,17 @@
 // Start: the views by name, and the line of health at the bottom.
 
-import { get } from './api.js'
-import { aircraft } from './aircraft.js'
-import { compare } from './compare.js'
-import { size } from './format.js'
-import { flight } from './flight.js'
-import { flights } from './flights.js'
-import { listen } from './keys.js'
-import { languageChooser, translate } from './language.js'
-import { live } from './live.js'
-import { start } from './router.js'
-import { shared } from './shared.js'
-import { chooser, dress } from './theme.js'
+import { get } from './shared/api.js'
+import { aircraft } from './aircraft/aircraft.js'
+import { compare } from './model/compare.js'
+import { size } from './shared/format.js'
+import { flight } from './flight/flight.js'
+import { flights } from './flight/flights.js'
+import { listen } from './shared/keys.js'
+import { languageChooser, translate } from './shared/language.js'
+import { live } from './live/live.js'
+import { start } from './shared/router.js'
+import { shared } from './flight/sharing.js'
+import { chooser, dress } from './shared/theme.js'
 
 const HEALTH_EVERY_MS = 5000
 

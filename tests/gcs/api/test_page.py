@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import gzip
 import re
+from collections import Counter
 from collections.abc import Iterator
 from html.parser import HTMLParser
 from importlib.resources import files
 from pathlib import Path
+from urllib.parse import urljoin
 
 import httpx
 import pytest
@@ -19,6 +21,7 @@ from gcs.api.security import Access, Guard
 from gcs.settings import Settings
 
 MOST_BYTES = 1_000_000
+MOST_MODULES = 16
 
 
 class Document(HTMLParser):
@@ -98,13 +101,21 @@ def test_no_script_stands_in_the_document_and_none_comes_from_elsewhere(
 
 
 def test_modules_import_only_modules_that_are_there(client: httpx.Client, document: Document) -> None:
-    modules = {Path(address).name: address for address in document.loaded if address.endswith(".js")}
-    for name, address in modules.items():
-        text = client.get(address).text
+    modules = {address for address in document.loaded if address.endswith(".js")}
+    for name in modules:
+        text = client.get(name).text
         named = re.findall(r"from '([^']*)'", text)
-        assert {f"./{other}" for other in modules} >= set(named), name
+        assert all(other.startswith(("./", "../")) for other in named), name
+        assert modules >= {urljoin(name, other) for other in named}, name
         assert not re.search(r"https?://(?!www\.w3\.org)", text), name
         assert "innerHTML" not in text, name
+
+
+def test_a_folder_of_modules_holds_no_more_than_a_reader_takes_in() -> None:
+    modules = list(Path(str(files("gcs.page") / "static")).rglob("*.js"))
+    counts = Counter(path.parent.name for path in modules)
+    assert set(counts) == {"static", "live", "flight", "model", "aircraft", "shared"}
+    assert max(counts.values()) <= MOST_MODULES
 
 
 def test_the_plotting_library_is_served_with_its_licence_and_needs_no_package(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from importlib.resources import files
+from pathlib import Path
 
 import pytest
 
@@ -57,7 +58,8 @@ COMPOSED = (
 
 def sources() -> str:
     """All text of the page's modules and document, expressions as {} and lines joined."""
-    texts = [entry.read_text(encoding="utf-8") for entry in STATIC.iterdir() if entry.name.endswith((".js", ".html"))]
+    entries = [entry for entry in sorted(Path(str(STATIC)).rglob("*")) if entry.suffix in (".js", ".html")]
+    texts = [entry.read_text(encoding="utf-8") for entry in entries]
     joined = re.sub(r"['`]\s*\n\s*\+\s*['`]", "", "\n".join(texts))
     return joined + re.sub(r"\$\{[^{}]*(?:\{[^{}]*\}[^{}]*)*\}", "{}", joined)
 

@@ -1,0 +1,321 @@
+// The guided description of an aircraft: what one measures with a scale, a ruler and a watch, held against what flies.
+
+import { post } from '../shared/api.js'
+import { reading } from './aircraftreading.js'
+import { field, h, newId, remark, select } from '../shared/dom.js'
+import { number } from '../shared/format.js'
+
+const PAUSE_MS = 300
+const CONTROLS = { elevator: 'Elevator', aileron: 'Ailerons', rudder: 'Rudder', throttle: 'Throttle' }
+const SENSORS = { alpha_vane: 'Angle-of-attack vane', beta_vane: 'Sideslip vane', accelerometer: 'Accelerometer (the autopilot)' }
+const CHANNELS = [['alpha', 'angle of attack'], ['beta', 'sideslip'], ['airspeed', 'airspeed'], ['thrust', 'thrust']]
+const AXES = [['Iyy', 'pitch (Iyy)'], ['Ixx', 'roll (Ixx)'], ['Izz', 'yaw (Izz)']]
+
+/**
+ * The form, what follows from it, and its text.
+ * toml: the text that the form's answers are put into. form: null where the form cannot show it. save(draft): keeps it.
+ */
+export function aircraftForm({ toml, form, save, label, signal }) {
+  return new Description(toml, form, save, label, signal).element
+}
+
+class Description {
+  constructor(toml, form, save, label, signal) {
+    this.toml = toml
+    this.form = form && structuredClone(form)
+    this.save = save
+    this.signal = signal
+    this.timer = 0
+    this.asked = 0
+    this.typed = false
+    /** @type {Record<string, HTMLInputElement>} */
+    this.inputs = {}
+    this.follows = h('section', { 'aria-label': 'Check', 'aria-live': 'polite' })
+    this.words = h('p', { role: 'status' })
+    this.button = h('button', { class: 'main' }, label)
+    this.text = h('textarea', { rows: 18, spellcheck: false, class: 'code', input: () => this.changedText() })
+    this.text.value = toml
+    this.place = h('div', {})
+    const whole = h('details', {}, h('summary', {}, 'The vehicle file itself'), field('Vehicle file (TOML)', this.text,
+      'What the form does not ask (timing, gusts, further sensors) stands here; a change here shows in the form'))
+    if (!form) whole.open = true
+    this.element = h('form', { submit: event => this.submit(event), novalidate: true, class: 'description' },
+      this.place, this.follows, whole, h('p', { class: 'row' }, this.button), this.words)
+    this.draw()
+    this.check()
+  }
+
+  draw() {
+    if (!this.form) {
+      this.place.replaceChildren(remark('note', h('p', {}, 'This file holds what the form cannot show; change its text.')))
+      return
+    }
+    this.place.replaceChildren(this.basics(), this.inertia(), this.controls(), this.motor(), this.places(), this.bench())
+  }
+
+  /** A field of a number that is kept in form.numbers; empty takes it out. */
+  figure(name, label, unit, hint) {
+    const input = h('input', { type: 'number', step: 'any', inputmode: 'decimal', value: this.form.numbers[name] ?? null, input: () => {
+      if (input.value === '') delete this.form.numbers[name]
+      else this.form.numbers[name] = Number(input.value)
+      this.changed()
+    } })
+    this.inputs[name] = input
+    return field(`${label}, ${unit}`, input, hint)
+  }
+
+  basics() {
+    const name = h('input', { type: 'text', required: true, maxlength: 100, value: this.form.name, input: () => {
+      this.form.name = name.value
+      this.changed()
+    } })
+    return h('fieldset', { class: 'panel grid' }, h('legend', {}, 'With a scale and a ruler'),
+      field('Name', name, 'As it is called at the field'), this.figure('mass_kg', 'Mass, ready to fly', 'kg'),
+      this.figure('mass_std_kg', 'The scale is good to', 'kg', '1 sigma; may stay empty'),
+      this.figure('span_m', 'Span, tip to tip', 'm'), this.figure('area_m2', 'Wing area', 'm²', 'Of the whole planform, through the fuselage; span times mean chord where this stays empty'),
+      this.figure('chord_m', 'Mean chord', 'm', 'Wing area over span where this stays empty'), this.figure('speed_mps', 'Airspeed in cruise', 'm/s', 'May stay empty'))
+  }
+
+  inertia() {
+    const entries = ['Ixx', 'Iyy', 'Izz'].map(key => h('div', {}, this.figure(`${key}_kgm2`, key, 'kg m²'), this.figure(`${key}_std_kgm2`, `± of ${key}`, 'kg m²')))
+    return h('fieldset', { class: 'panel' }, h('legend', {}, 'Moments of inertia'),
+      h('p', {}, 'Leave all three empty, and those usual for span and mass are taken, to 70 %: lift and drag hardly suffer, moments are known no better.'),
+      h('div', { class: 'grid' }, entries, this.figure('Ixz_kgm2', 'Ixz', 'kg m²', 'May stay empty')), this.swings())
+  }
+
+  /** Swings of a pendulum become a moment of inertia with its error, which is put into the fields above. */
+  swings() {
+    const hint = { bifilar: 'of the two wires', swing: 'from the axis down to the centre of gravity' }
+    const [length, spacing] = [0, 1].map(() => h('input', { type: 'number', step: 'any', min: 0 }))
+    const times = h('input', { type: 'text', placeholder: '15.9, 15.7, 15.8', autocomplete: 'off' })
+    const count = h('input', { type: 'number', min: 1, value: 10 })
+    const lengthField = field('Length, m', length, hint.bifilar)
+    const spacingField = field('Distance between the wires, m', spacing, 'Half on either side of the centre of gravity')
+    const axis = select(AXES, 'Iyy')
+    const way = select([['bifilar', 'hung on two wires, turned about the vertical'], ['swing', 'swung about an axis above it']], 'bifilar', value => {
+      lengthField.querySelector('.hint').textContent = hint[value]
+      spacingField.hidden = value === 'swing'
+    })
+    const says = h('p', { role: 'status' })
+    const work = async () => {
+      says.className = ''
+      try {
+        const found = await post('/api/vehicles/inertia', {
+          way: way.value, mass_kg: this.form.numbers.mass_kg, length_m: Number(length.value), swings: Number(count.value),
+          ...(this.form.numbers.mass_std_kg ? { mass_std_kg: this.form.numbers.mass_std_kg } : {}),
+          ...(way.value === 'bifilar' ? { spacing_m: Number(spacing.value) } : {}),
+          times_s: times.value.split(/[\s,;]+/).filter(Boolean).map(Number),
+        })
+        const made = { [`${axis.value}_kgm2`]: Number(found.value.toPrecision(4)), [`${axis.value}_std_kgm2`]: Number(found.std.toPrecision(2)) }
+        for (const [name, value] of Object.entries(made)) {
+          this.form.numbers[name] = value
+          this.inputs[name].value = String(value)
+        }
+        this.changed()
+        says.textContent = `${axis.value} is ${number(found.value, 4)} ± ${number(found.std, 2)} kg m²`
+      } catch (error) {
+        says.className = 'remark bad'
+        says.textContent = error.message
+      }
+    }
+    return h('details', {}, h('summary', {}, 'Work one out from swings'),
+      h('div', { class: 'grid' }, field('About which axis', axis), field('How it hung', way), lengthField, spacingField,
+        field('Whole swings timed', count), field('Seconds for them, each time', times, 'Time them three times')),
+      h('button', { type: 'button', click: work }, 'Work it out'), says)
+  }
+
+  controls() {
+    return h('fieldset', { class: 'panel' }, h('legend', {}, 'Controls'),
+      h('p', {}, 'Hold the surface at a few deflections, read pulse and angle. Leave a control out where the log holds the autopilot’s parameters: its servo is then found there, its travel guessed to 30 %, and what it does is known no better.'),
+      Object.keys(CONTROLS).map(name => this.control(name)))
+  }
+
+  control(name) {
+    const given = this.form.controls[name]
+    const box = h('input', { type: 'checkbox', checked: Boolean(given), change: () => {
+      if (box.checked) this.form.controls[name] = { signal: 'command', servos: [newServo(name)] }
+      else delete this.form.controls[name]
+      again()
+    } })
+    // Drawn anew alone, the focus left where it was.
+    const again = () => {
+      const drawn = this.control(name)
+      place.replaceWith(drawn)
+      drawn.querySelector('input').focus()
+      this.changed()
+    }
+    const title = h('label', { class: 'choice' }, box, CONTROLS[name])
+    const place = h('div', { class: 'control', role: 'group', 'aria-label': `${CONTROLS[name]}: servos` }, title)
+    if (!given) return place
+    const signal = select([['command', 'the command sent to the servo'], ['position', 'its measured position']], given.signal, value => {
+      given.signal = value
+      this.changed()
+    })
+    place.append(...given.servos.map((servo, index) => this.servo(name, given, servo, index, again)),
+      h('div', { class: 'row' }, h('button', { type: 'button', click: () => {
+        given.servos.push(newServo(name))
+        given.servos.forEach(one => { one.mix = 1 / given.servos.length })
+        again()
+      } }, 'Another servo moves it too')),
+      field('The log carries', signal))
+    return place
+  }
+
+  servo(name, given, servo, index, again) {
+    const list = (key, label, hint) => {
+      const input = h('input', { type: 'text', inputmode: 'decimal', value: servo[key].join(', '), input: () => {
+        servo[key] = input.value.split(/[\s,;]+/).filter(Boolean).map(Number)
+        input.setCustomValidity(servo[key].some(value => !Number.isFinite(value)) ? 'numbers with commas between' : '')
+        this.changed()
+      } })
+      return field(label, input, hint)
+    }
+    const figure = (key, label, hint) => {
+      const input = h('input', { type: 'number', step: 'any', value: servo[key], input: () => {
+        servo[key] = Number(input.value)
+        this.changed()
+      } })
+      return field(label, input, hint)
+    }
+    const several = given.servos.length > 1
+    return h('div', { class: 'grid' }, figure('servo', 'Servo output', 'From 1 to 16'), list('pwm_us', 'Pulses, µs'),
+      list('travel', name === 'throttle' ? 'Throttle there, %' : 'Deflection there, °', name === 'throttle' ? null : 'The sign is yours: keep it the same always'),
+      several && figure('mix', 'Share', 'Of its deflection in the control’s'),
+      several && h('button', { type: 'button', 'aria-label': `Leave servo ${servo.servo} out`, click: () => {
+        given.servos.splice(index, 1)
+        if (given.servos.length === 1) given.servos[0].mix = 1
+        again()
+      } }, 'Leave it out'))
+  }
+
+  motor() {
+    return h('fieldset', { class: 'panel grid' }, h('legend', {}, 'Motor'), this.figure('max_thrust_n', 'Largest static thrust', 'N', 'By a spring balance; may stay empty'),
+      this.figure('propeller_m', 'Propeller’s diameter', 'm', 'Only together with the thrust'),
+      this.figure('moving_mass_kg', 'Mass on the thrust sensor', 'kg', 'Motor and propeller, where a sensor measures thrust; only together with the thrust'))
+  }
+
+  places() {
+    const place = (name, label) => {
+      const input = h('input', { type: 'text', value: this.form.places[name]?.join(', ') ?? '', placeholder: '0.1, 0.5, 0', input: () => {
+        const values = input.value.split(/[\s,;]+/).filter(Boolean).map(Number)
+        if (!values.length) delete this.form.places[name]
+        else this.form.places[name] = values
+        this.changed()
+      } })
+      return field(label, input)
+    }
+    return h('fieldset', { class: 'panel' }, h('legend', {}, 'Where sensors are'),
+      h('p', {}, 'From the centre of gravity, m: forward, right, down. Empty where there is none, or it sits at the centre of gravity.'),
+      h('div', { class: 'grid' }, Object.entries(SENSORS).map(([name, label]) => place(name, label))))
+  }
+
+  bench() {
+    const names = Object.keys(this.form.bench)
+    const again = () => {
+      const drawn = this.bench()
+      place.replaceWith(drawn)
+      drawn.querySelector('input, button').focus()
+      this.changed()
+    }
+    const place = h('fieldset', { class: 'panel' }, h('legend', {}, 'Bench tables of analogue channels'),
+      names.map(name => this.table(name, again)),
+      h('div', { class: 'row' }, CHANNELS.filter(([name]) => !names.includes(name)).map(([name, words]) => h('button', { type: 'button', click: () => {
+        this.form.bench[name] = { source: 'adc0', form: name === 'airspeed' ? 'pitot' : 'linear', unit: { airspeed: 'Pa', thrust: 'gf' }[name] ?? 'deg', points: [] }
+        again()
+      } }, `Add ${words}`))))
+    return place
+  }
+
+  table(name, again) {
+    const given = this.form.bench[name]
+    const short = (key, label, hint) => {
+      const input = h('input', { type: 'text', value: given[key], input: () => {
+        given[key] = input.value.trim()
+        this.changed()
+      } })
+      return field(label, input, hint)
+    }
+    const read = h('p', { class: 'hint', role: 'status' })
+    const points = h('textarea', { rows: 5, class: 'code', input: () => {
+      const lines = points.value.split('\n').filter(line => line.trim())
+      given.points = lines.map(line => line.split(/[\s,;]+/).filter(Boolean).slice(0, 2).map(Number)).filter(row => row.length === 2 && row.every(Number.isFinite))
+      const left = lines.length - given.points.length
+      read.textContent = `${given.points.length} points read${left ? `; ${left} lines left out, which are no two numbers` : ''}`
+      this.changed()
+    } })
+    points.value = given.points.map(row => row.join(', ')).join('\n')
+    return h('div', { class: 'control', role: 'group', 'aria-label': name }, h('h3', {}, name), h('div', { class: 'grid' },
+      short('source', 'Channel', 'As adc0'), short('form', 'Curve', 'linear, polynomial:2, spline, pitot'), short('unit', 'Unit of the reference', 'Pa, mmH2O, N, gf, deg, rad')),
+    field('Reference and reading, one pair a line', points, 'Paste two columns of a spreadsheet'), read,
+    h('button', { type: 'button', click: () => {
+      delete this.form.bench[name]
+      again()
+    } }, `Leave ${name} out`))
+  }
+
+  draft() {
+    const named = this.form && { ...this.form, name: this.form.name.trim() || 'aircraft' }
+    return named && !this.typed ? { toml: this.toml, form: named } : { toml: this.text.value }
+  }
+
+  changed() {
+    ++this.asked  // an answer that is still to come knows nothing of this
+    clearTimeout(this.timer)
+    this.timer = setTimeout(() => this.check(), PAUSE_MS)
+  }
+
+  changedText() {
+    this.typed = true
+    this.changed()
+  }
+
+  /** Ask what follows; a change of the text is shown in the form, one of the form in the text. */
+  async check() {
+    const draft = this.draft()
+    const serial = ++this.asked
+    let found
+    try {
+      found = await post('/api/vehicles/check', draft)
+    } catch (error) {
+      if (serial === this.asked && !this.signal.aborted) this.follows.replaceChildren(remark('bad', h('p', {}, error.message)))
+      return
+    }
+    if (serial !== this.asked || this.signal.aborted) return
+    if (this.typed && !found.problem) {
+      this.toml = found.toml
+      this.form = found.form
+      this.typed = false
+      this.draw()
+    } else if (!this.typed) {
+      this.toml = found.toml
+      this.text.value = found.toml
+    }
+    this.place.inert = this.typed  // what is changed in it meanwhile would be lost
+    const begun = !this.form || Boolean(this.form.name || Object.keys(this.form.numbers).length)
+    this.follows.replaceChildren(reading(found, begun), ...(this.typed ? [remark('note', h('p', {}, 'The form waits until the text is a vehicle file again.'))] : []))
+  }
+
+  async submit(event) {
+    event.preventDefault()
+    if (this.form && !this.typed && !this.form.name.trim()) {
+      this.words.className = 'remark bad'
+      this.words.textContent = 'Give it a name.'
+      return
+    }
+    this.words.className = ''
+    this.words.textContent = 'Sent …'
+    this.button.disabled = true
+    try {
+      await this.save(this.draft())
+    } catch (error) {
+      this.words.className = 'remark bad'
+      this.words.textContent = error.message
+      this.words.id ||= newId('problem')
+    } finally {
+      this.button.disabled = false
+    }
+  }
+}
+
+const newServo = name => name === 'throttle' ? { servo: 3, pwm_us: [1100, 1900], travel: [0, 100], mix: 1 }
+  : { servo: { elevator: 2, aileron: 1, rudder: 4 }[name], pwm_us: [1100, 1500, 1900], travel: [-20, 0, 20], mix: 1 }

@@ -1,0 +1,208 @@
+// Jobs of a flight: starting them, following them, their errors in words.
+
+import { get, post, remove } from '../shared/api.js'
+import { announce } from '../shared/announce.js'
+import { field, h, remark, select } from '../shared/dom.js'
+import { findFlights, flightSearch, flightTitle } from './flightchoice.js'
+import { utc } from '../shared/format.js'
+import { modelTitle } from '../model/modeltitle.js'
+
+const KINDS = { identify: 'Identification', discrepancy: 'Discrepancy', design: 'Plan' }
+const TABS = { identify: 'model', discrepancy: 'discrepancy', design: 'plan' }
+const STATES = { queued: 'waits for its turn', running: 'runs', done: 'done', failed: 'failed', skipped: 'skipped',
+  cancelled: 'cancelled' }
+const EVERY_MS = 1000
+
+/** The section of jobs of a flight; resolves to what puts a further job into its list. over: called behind each job that ends. */
+export async function jobs(page, summary, signal, over) {
+  const [models, others] = await Promise.all([
+    get('/api/models', signal), findFlights({}, signal),
+  ])
+  const list = h('ul', { class: 'jobs' })
+  const none = h('p', {}, 'No job was started for this flight.')
+  const add = job => {
+    none.remove()
+    list.prepend(item(job, signal, add, over))
+  }
+  ;[...summary.jobs].sort((a, b) => a.created_ns - b.created_ns).forEach(add)
+  page.append(h('h2', {}, 'Model and discrepancy'))
+  if (summary.state === 'recording') {
+    page.append(remark('note', h('p', {}, 'Jobs can be started when the recording is over.')))
+  } else {
+    const start = request => post(`/api/flights/${encodeURIComponent(summary.id)}/jobs`, request).then(job => {
+      add(job)
+      return job
+    })
+    page.append(h('div', { class: 'pair' }, 
+      identifyForm(judges(summary, others, signal), models, start),
+      discrepancyForm(judges(summary, others, signal), models, start)))
+  }
+  page.append(h('h3', {}, 'Jobs'), list)
+  if (!summary.jobs.length) list.before(none)
+  return add
+}
+
+// Without a vehicle, or any stamped motion of it, there is nothing to compare a model with.
+const canJudge = flight => flight.state !== 'recording' && !flight.recording_deleted
+  && flight.system !== null && flight.vehicle_duration_s !== null
+
+/** A choice of flights that the result is judged on: of the newest, and of those that are looked for. */
+function judges(summary, newest, signal) {
+  const list = h('fieldset', { class: 'choices' })
+  const checked = () => [...list.querySelectorAll('input:checked')]
+  const show = (found, words) => {
+    const kept = checked().map(box => box.parentElement)
+    const there = new Set(checked().map(box => box.value))
+    const boxes = found.flights.filter(one => one.id !== summary.id && !there.has(one.id) && canJudge(one))
+      .map(one => h('label', { class: 'choice' }, h('input', { type: 'checkbox', value: one.id }), flightTitle(one)))
+    const none = words ? `No other flight has “${words}” in its name or date.`
+      : 'There is no other flight; fly or upload one to judge the model on.'
+    list.replaceChildren(h('legend', {}, 'Validate on'), ...kept, ...boxes,
+      ...(boxes.length ? [] : [h('p', { class: 'hint' }, none)]),
+      ...(found.next ? [h('p', { class: 'hint' }, 'There are older flights; look for them above.')] : []))
+  }
+  show(newest, '')
+  const element = newest.next ? h('div', {}, flightSearch(show, signal), list) : list
+  return { element, chosen: () => checked().map(box => box.value) }
+}
+
+function form(title, words, label, parts, submit) {
+  const says = h('p', { role: 'status' })
+  return h('form', {
+    class: 'panel', submit: async event => {
+      event.preventDefault()
+      says.className = ''
+      says.textContent = 'Sent …'
+      try {
+        const job = await submit()
+        says.textContent = ['Started; its progress stands below.', ...job.log].join(' ')
+      } catch (error) {
+        says.className = 'remark bad'
+        says.textContent = error.message
+      }
+    },
+  }, h('h3', {}, title), h('p', {}, words), parts, h('button', { class: 'main' }, label), says)
+}
+
+const named = models => models.map(model => [model.id, modelTitle(model, true)])
+
+function identifyForm(validate, models, start) {
+  const method = select([['auto', 'chosen by the flight'],
+    ['map', 'output error with an estimated noise spectrum'], ['ee', 'equation error'], ['oe', 'output error'], ['fe', 'filter error']], 'auto')
+  const prior = select([['', 'none'], ...named(models)], '')
+  const [from, to] = [0, 1].map(() => h('input', { type: 'number', min: 0, step: 'any' }))
+  const right = h('input', { type: 'text', autocomplete: 'off', spellcheck: false })
+  return form('Identify the model', 'Estimates sensor errors and coefficients from this flight.', 'Identify', [
+    validate.element,
+    h('details', {}, h('summary', {}, 'More settings'), field('Method', method),
+      field('Prior model', prior), field('From, s', from, 'Empty: the airborne, excited parts are found'), field('To, s', to),
+      field('Signals that are right as recorded', right, 'As q, az: whatever seems wrong with them, they are not changed')),
+  ], async () => {
+    if (to.value && Number(to.value) <= Number(from.value)) throw new Error('“To” must be later than “From”')
+    return start({
+      kind: 'identify', method: method.value, validate: validate.chosen(), ...(prior.value ? { prior: prior.value } : {}),
+      ...(from.value ? { from: Number(from.value) } : {}), ...(to.value ? { to: Number(to.value) } : {}),
+      as_recorded: right.value.split(/[\s,]+/).filter(Boolean),
+    })
+  })
+}
+
+function discrepancyForm(validate, models, start) {
+  const choice = select([...named(models), ['', 'a model file of mine …']], models[0]?.id ?? '', value => {
+    own.parentElement.hidden = value !== ''
+  })
+  const own = h('input', { type: 'file', accept: '.json' })
+  const file = field('Model file (JSON)', own)
+  file.hidden = models.length > 0
+  const ruledOut = h('input', { type: 'text', placeholder: 'mass_error, cg_shift' })
+  return form('Question a model', 'Flies the model against this flight, and names what is missing. Takes minutes.',
+    'Question', [
+      field('Model', choice), file, validate.element,
+      h('details', {}, h('summary', {}, 'More settings'), field('Ruled out on the ground', ruledOut,
+        'Effects that weighing or a test on the bench has shown not to be there, with commas between')),
+    ], async () => {
+      if (!choice.value && !own.files.length) throw new Error('choose a model file first, or identify one from a flight')
+      const model = choice.value || await readModel(own.files[0])
+      const cleared = ruledOut.value.split(',').map(name => name.trim()).filter(Boolean)
+      return start({ kind: 'discrepancy', model, validate: validate.chosen(), rule_out: cleared })
+    })
+}
+
+async function readModel(file) {
+  try {
+    return JSON.parse(await file.text())
+  } catch {
+    throw new Error(`${file.name} is no JSON; choose a file of gcs identify --write-model`)
+  }
+}
+
+/** One job in the list; it follows the job until that is over. add: puts a further job into the list. over: called then. */
+function item(job, signal, add, over) {
+  const element = h('li', {})
+  const problem = remark('bad')
+  // A button that acts on the job: what it does, and what is to be done with the answer.
+  const action = (text, act) => h('button', { 'aria-label': `${text}: ${KINDS[job.kind].toLowerCase()} of ${started(job)}`,
+    click: async event => {
+      event.target.disabled = true
+      try {
+        await act()
+      } catch (error) {
+        problem.replaceChildren(error.message)
+        element.append(problem)
+        event.target.disabled = false
+      }
+    } }, text)
+  const path = `/api/jobs/${job.id}`
+  const actions = () => h('p', { class: 'row' }, running(job)
+    ? action('Cancel', async () => { job = await post(`${path}/cancel`, {}); show(); announce(`${KINDS[job.kind]} cancelled`) })
+    // Once more with what the flight's aircraft is now, not with the version that the first job used.
+    : [action('Run again', async () => { add(await post(`${path}/rerun`, { vehicle: null })); show() }),
+      action('Delete', async () => { await remove(path); element.remove(); announce(`${KINDS[job.kind]} deleted`) })])
+  const show = () => element.replaceChildren(...contents(job), actions())
+  show()
+  const follow = async () => {
+    try {
+      if (!running(job)) return
+      const newest = await get(path, signal)
+      if (!running(job)) return  // cancelled meanwhile
+      job = newest
+    } catch (error) {
+      if (signal.aborted) return
+      element.append(remark('bad', error.message))
+      setTimeout(follow, 5 * EVERY_MS)
+      return
+    }
+    show()
+    if (running(job)) setTimeout(follow, EVERY_MS)
+    else {
+      announce(`${KINDS[job.kind]} ${STATES[job.state]}`)
+      over()
+    }
+  }
+  if (running(job)) setTimeout(follow, EVERY_MS)
+  return element
+}
+
+const started = job => utc(new Date(job.created_ns / 1e6).toISOString())
+const by = job => job.owner === 'station' ? ', by the station itself' : job.owner && `, asked for from ${job.owner}`
+const running = job => job.state === 'queued' || job.state === 'running'
+
+function contents(job) {
+  const title = `${KINDS[job.kind]}, ${STATES[job.state]}`
+  return [
+    h('p', {}, h('strong', {}, title), ` (${started(job)}${by(job)})`),
+    running(job) && h('progress', { max: 1, value: job.progress, 'aria-label': `${title}: ${Math.round(100 * job.progress)} %` }),
+    running(job) && h('p', {}, `${Math.round(100 * job.progress)} %: ${job.log.at(-1) ?? 'waiting'}`),
+    job.error && remark('bad', h('p', {}, job.error)),
+    job.state === 'skipped' && h('p', {}, job.log.at(-1) ?? ''),
+    job.state === 'done' && h('p', {}, h('a', { class: 'button',
+      href: `#/flights/${encodeURIComponent(job.flight_id)}/${TABS[job.kind]}` }, 'See the result')),
+  ].filter(Boolean)
+}
+
+/** What stands where a flight has no result of a kind yet. words: what failed, what is missing, what to press. */
+export function nothingYet(summary, kind, { failed, missing, start }) {
+  const job = summary.jobs.find(one => one.kind === kind && one.error)
+  return remark('note', h('p', {}, job ? `${failed}: ${job.error}` : missing),
+    h('p', {}, h('a', { class: 'button', href: `#/flights/${encodeURIComponent(summary.id)}` }, start)))
+}

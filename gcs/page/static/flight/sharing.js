@@ -1,0 +1,40 @@
+// What a shared link shows, and how one is made: one flight, its report and its recording, for some days.
+
+import { get, getIfThere, post } from '../shared/api.js'
+import { field, h, remark } from '../shared/dom.js'
+import { duration, utc } from '../shared/format.js'
+import { flightTitle } from './flightchoice.js'
+import { download, opened } from '../shared/links.js'
+
+/** The view of somebody who came with a link: parts is its token. */
+export async function shared(page, [token = ''], query, signal) {
+  const { flight } = await post('/api/login', { token })
+  const path = `/api/flights/${encodeURIComponent(flight)}`
+  const summary = await get(path, signal)
+  const found = await getIfThere(`${path}/identification`, signal)
+  page.append(h('h1', {}, `Flight ${flightTitle(summary)}`),
+    h('p', {}, `${utc(summary.start)}, ${duration(summary.duration_s)}`),
+    h('p', { class: 'row' }, found && opened(`${path}/report`, 'Open the report'),
+      !summary.recording_deleted && download(`${path}/recording`, `${flight}.mcap`, 'Download the recording')),
+    ...(found ? [] : [h('p', {}, 'No model has been identified from this flight yet.')]))
+}
+
+/** What makes a link to a flight. path: of the flight in the interface. */
+export function sharing(path) {
+  const days = h('input', { type: 'number', min: 1, max: 366, value: 30, required: true })
+  const says = h('div', { role: 'status' })
+  return h('details', { class: 'panel' }, h('summary', {}, 'Share this flight'),
+    h('form', { submit: async event => {
+      event.preventDefault()
+      try {
+        const made = await post(`${path}/share`, { days: Number(days.value) })
+        const address = h('input', { type: 'text', readonly: true, value: new URL(made.path, location.href).href })
+        says.replaceChildren(field('Link', address, `Whoever has it sees this flight alone, until ${utc(new Date(1000 * made.expires).toISOString())}.`),
+          ...(['localhost', '127.0.0.1', '[::1]'].includes(location.hostname)
+            ? [remark('note', 'This link works on this device alone. Open this page by the address of the station in the network, and make it there.')] : []))
+        address.select()
+      } catch (error) {
+        says.replaceChildren(remark('bad', error.message))
+      }
+    } }, field('Days', days, 'After these it shows nothing any more'), h('button', {}, 'Make a link')), says)
+}

@@ -1,0 +1,232 @@
+// The view while the aircraft flies: state, instruments, plots, links, coefficients, warnings.
+
+import { announce } from '../shared/announce.js'
+import { get } from '../shared/api.js'
+import { h } from '../shared/dom.js'
+import { duration } from '../shared/format.js'
+import { FlyNext } from './flynext.js'
+import { Identification } from './liveidentification.js'
+import { Instruments } from './instruments.js'
+import { Links } from './livelinks.js'
+import { Notes } from './livenotes.js'
+import { LivePlots } from './liveplots.js'
+import { Status } from './livestatus.js'
+import { write } from './livetable.js'
+import { Track } from './livetrack.js'
+import { Warnings } from './livewarnings.js'
+import { follow } from '../shared/stream.js'
+
+const LINKS_MS = 2000
+// The service sends signals ten times a second while messages come.
+const SILENT_MS = 3000
+// A value older than this by the snapshot is no longer sent in events.
+const FRESH_S = 2
+
+const STATES = {
+  live: ['good', data => `Live${data.vehicle ? `: ${data.vehicle}` : ''}`],
+  late: ['bad', () => 'Nothing new has come for some seconds: the ground station is behind, or this device is losing it. The figures are old.'],
+  lost: ['bad', data => `No message from the vehicle${data.time_s === null ? '' : ` since ${duration(data.time_s)} of the flight`}. `
+    + 'Check its power, the radio, and the links below.'],
+  landed: ['good', data => `Flight over: the vehicle is disarmed${data.state === 'live' ? ' and still sends' : ''}.`],
+  silent: ['bad', () => 'Nothing more was heard of the vehicle, and its flight has ended. If it comes back, that is another flight.'],
+  waiting: ['note', data => data.heard
+    ? 'Messages come and are recorded; the ground station still prepares to show them. The first time that takes a minute.'
+    : 'Waiting for the first message. Switch the vehicle on; if nothing comes, see the links below.'],
+}
+
+/** The live view; it never ends by itself. */
+export async function live(page, parts, query, signal) {
+  const view = new LiveView(query, signal)
+  let newest
+  try {
+    newest = await get('/api/live', signal)
+  } catch (error) {
+    if (error.status === 401 || error.name === 'AbortError') throw error
+    newest = null
+    view.disconnected(error.message)
+  }
+  page.append(h('h1', { class: 'unseen' }, 'Live'), view.banner, view.status.element, view.first, view.warnings.element,
+    h('div', { class: 'cockpit' }, h('div', {}, ...view.instruments.elements, view.next.element, view.notes.element), view.track.element),
+    ...view.plots.elements, ...view.identification.elements, ...view.links.elements)
+  if (newest) view.take(newest)
+  view.start()
+}
+
+class LiveView {
+  constructor(query, signal) {
+    this.signal = signal
+    // Only a change of state is announced; the running time beside it is not.
+    this.words = h('p', { role: 'status' }, 'Asking the ground station …')
+    this.clock = h('p', { class: 'clock' })
+    this.result = h('a', { class: 'button', hidden: true }, 'See what came of it')
+    this.banner = h('div', { class: 'remark note banner' }, this.words, this.clock, this.result)
+    this.first = h('section', { class: 'panel', hidden: true, 'aria-label': 'With a log' }, h('p', {}, 'With a log on a card no vehicle is needed here: ',
+      h('a', { href: '#/aircraft/new' }, 'describe the aircraft'), ', ', h('a', { href: '#/flights' }, 'take the log in'), ', and press Identify on its page.'))
+    this.warnings = new Warnings()
+    this.instruments = new Instruments()
+    this.status = new Status()
+    this.track = new Track(signal)
+    this.notes = new Notes(signal)
+    this.next = new FlyNext()
+    this.plots = new LivePlots(query, signal)
+    this.identification = new Identification(signal)
+    this.links = new Links()
+    this.data = { state: 'waiting', time_s: null }
+    this.stateEvents = 0
+    this.heard = Date.now()
+  }
+
+  /** Take an object of GET /api/live. */
+  take(newest) {
+    this.data.time_s = newest.time_s
+    this.state({ state: newest.state, flight: newest.flight, vehicle: newest.vehicle, landed: newest.landed, silent: newest.silent })
+    this.plots.units(newest.signals)
+    const entries = Object.entries(newest.signals)
+    // Of a vehicle that is silent all is old: how old then counts from what came last.
+    const last = newest.state === 'live' ? 0 : Math.min(...entries.map(([, entry]) => entry.age_s))
+    const age = name => newest.signals[name].age_s - last
+    this.instruments.show(Object.fromEntries(entries.map(([name, entry]) => [name, entry.value])), age)
+    const fresh = entries.filter(([name]) => age(name) < FRESH_S).map(([name, entry]) => [name, entry.value])
+    this.plots.add({ time_s: newest.time_s, signals: Object.fromEntries(fresh) })
+    this.track.fill(newest.track, newest.status.home?.place)
+    this.vehicle(newest.status)
+    this.estimate(newest.identification, newest.why)
+  }
+
+  state(change) {
+    if (change.flight && change.flight !== this.flight) {
+      this.flight = change.flight
+      this.learnt = false
+      for (const part of [this.plots, this.identification, this.instruments, this.warnings, this.status, this.track, this.notes, this.next]) part.clear()
+    }
+    if ('flight' in change) this.status.take({ flight: change.flight })
+    Object.assign(this.data, change)
+    this.look()
+  }
+
+  /** Show the state as it is now: old figures must not look like new ones. */
+  look() {
+    if (this.broken) return
+    const late = this.data.state === 'live' && Date.now() - this.heard > SILENT_MS
+    const silent = this.data.state !== 'live' && this.data.silent
+    const [kind, words] = STATES[late ? 'late' : this.data.landed ? 'landed' : silent ? 'silent' : this.data.state]
+    const over = this.data.landed || silent
+    this.first.hidden = this.data.state !== 'waiting' || Boolean(over)
+    this.result.hidden = !over || late
+    if (over) {
+      this.result.href = `#/flights/${encodeURIComponent(over)}`
+      this.next.show(null)
+    }
+    const old = late || this.data.state !== 'live'
+    this.instruments.stale(old)
+    if (old !== this.status.known.old) this.status.take({ old })
+    this.showState(kind, words(this.data), this.data.state === 'live' && this.data.time_s !== null ? `at ${duration(this.data.time_s)}` : '')
+    this.banner.title = this.data.flight ? `flight ${this.data.flight}` : ''
+  }
+
+  showState(kind, text, time = '') {
+    this.banner.className = `remark ${kind} banner`
+    write(this.words, text)
+    write(this.clock, time, 'clock')
+  }
+
+  disconnected(reason) {
+    this.broken = true
+    this.instruments.stale(true)
+    this.showState('bad', `The connection to the ground station is lost: ${reason}. It is tried again automatically.`)
+  }
+
+  signals(event) {
+    this.data.time_s = event.time_s
+    this.notes.time = event.time_s
+    this.heard = Date.now()
+    this.instruments.show(event.signals)
+    this.next.feel(event.signals)
+    if (this.plots.knows(event.signals)) this.plots.add(event)
+    else this.askUnits()
+  }
+
+  /** The vehicle's own state: mode, battery, place, texts. */
+  vehicle(status) {
+    this.status.take({ status })
+    this.track.show(status)
+    this.notes.show(status.texts ?? [])
+  }
+
+  /** Events carry no units, the snapshot does. */
+  async askUnits() {
+    if (this.asking) return
+    this.asking = true
+    try {
+      this.plots.units((await get('/api/live', this.signal)).signals)
+    } catch (error) {
+      if (!this.signal.aborted) announce(error.message)
+    } finally {
+      this.asking = false
+    }
+  }
+
+  estimate(found, why) {
+    // What the vehicle sends on the ground after it has landed leaves standing what was learnt of its flight.
+    if (this.data.landed && this.learnt) return
+    this.learnt = Boolean(found)
+    this.identification.show(found, why, this.data.time_s, Boolean(this.data.landed))
+    this.next.show(this.data.landed ? null : found?.coefficients)
+    this.warnings.show((found?.events ?? []).map(one => one.text), found?.warnings ?? [])
+  }
+
+  start() {
+    const { signal } = this
+    this.showLinks()
+    follow('/api/live/stream', signal, {
+      event: (name, data) => {
+        this.broken = false
+        if (name === 'signals') this.signals(data)
+        else if (name === 'estimate') this.estimate(data)
+        else if (name === 'status') this.vehicle(data)
+        else if (name === 'state') {
+          this.stateEvents += 1
+          this.state(data)
+        }
+      },
+      state: reason => reason ? this.disconnected(reason) : this.connected(),
+    }).catch(error => {
+      if (!signal.aborted) this.disconnected(error.message)
+    })
+    const clock = setInterval(() => this.look(), 1000)
+    signal.addEventListener('abort', () => {
+      clearInterval(clock)
+      this.next.stop()
+    })
+  }
+
+  /** The stream is there: what happened meanwhile is asked for. */
+  async connected() {
+    const before = this.stateEvents
+    try {
+      const [newest, minute] = await Promise.all([get('/api/live', this.signal), get('/api/live/minute', this.signal)])
+      // An event that came while this answer was under way is newer than the answer.
+      if (this.stateEvents !== before) Object.assign(newest, { state: this.data.state, flight: this.data.flight, landed: this.data.landed, silent: this.data.silent })
+      this.broken = false
+      this.heard = Date.now()
+      this.take(newest)
+      if (!this.data.flight || minute.flight === this.data.flight) this.plots.fill(minute)
+    } catch (error) {
+      if (!this.signal.aborted) this.disconnected(error.message)
+    }
+  }
+
+  async showLinks() {
+    try {
+      const [links, health] = await Promise.all([get('/api/links', this.signal), get('/api/health', this.signal)])
+      this.links.show(links)
+      this.data.heard = links.some(link => link.frames_per_s > 0)
+      this.status.take({ links, health })
+    } catch (error) {
+      if (this.signal.aborted) return
+      this.links.fail(error.message)
+    }
+    const timer = setTimeout(() => this.showLinks(), LINKS_MS)
+    this.signal.addEventListener('abort', () => clearTimeout(timer))
+  }
+}
