@@ -1,8 +1,9 @@
 // Start: the views by name, and the line of health at the bottom.
 
-import { get } from './shared/api.js'
+import { get, sentence } from './shared/api.js'
 import { aircraft } from './aircraft/aircraft.js'
 import { compare } from './model/compare.js'
+import { byId } from './shared/dom.js'
 import { size } from './shared/format.js'
 import { flight } from './flight/flight.js'
 import { flights } from './flight/flights.js'
@@ -16,7 +17,7 @@ import { chooser, dress } from './shared/theme.js'
 const HEALTH_EVERY_MS = 5000
 
 async function health() {
-  const line = document.getElementById('health')
+  const line = byId('health')
   try {
     const state = await get('/api/health')
     const links = `${state.links_connected} of ${state.links_total} links connected`
@@ -24,7 +25,7 @@ async function health() {
       : `${links}; ${size(state.disk_free_bytes)} free; version ${state.version}`
     line.classList.toggle('bad', Boolean(state.problem))
   } catch (error) {
-    line.textContent = `Trouble: ${error.message}`
+    line.textContent = `Trouble: ${sentence(error)}`
     line.classList.add('bad')
   }
 }

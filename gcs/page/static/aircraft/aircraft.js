@@ -1,6 +1,6 @@
 // The aircraft of the station: the list, one of them with its versions, and taking in a vehicle file.
 
-import { get, post, put, remove } from '../shared/api.js'
+import { get, post, put, remove, sentence } from '../shared/api.js'
 import { aircraftForm } from './aircraftform.js'
 import { announce } from '../shared/announce.js'
 import { reading } from './aircraftreading.js'
@@ -92,7 +92,7 @@ async function discard(button, id, name) {
     announce(`${name} is deleted`)
     location.hash = '#/aircraft'
   } catch (error) {
-    button.after(remark('bad', error.message))
+    button.after(remark('bad', sentence(error)))
     button.disabled = false
   }
 }
@@ -110,7 +110,7 @@ function importForm() {
       location.hash = `#/aircraft/${made.id}`
     } catch (error) {
       words.className = 'remark bad'
-      words.textContent = `${file.name} was not taken: ${error.message}`
+      words.textContent = `${file.name} was not taken: ${sentence(error)}`
     }
   } }, h('h2', {}, 'Take in a vehicle file'),
   field('Vehicle file (TOML)', input, 'Bench tables must stand in it: points = [[reference, reading], …]'), h('button', {}, 'Take in'), words)

@@ -1,6 +1,6 @@
 // The guided description of an aircraft: what one measures with a scale, a ruler and a watch, held against what flies.
 
-import { post } from '../shared/api.js'
+import { post, sentence } from '../shared/api.js'
 import { reading } from './aircraftreading.js'
 import { field, h, newId, remark, select } from '../shared/dom.js'
 import { number } from '../shared/format.js'
@@ -115,7 +115,7 @@ class Description {
         says.textContent = `${axis.value} is ${number(found.value, 4)} ± ${number(found.std, 2)} kg m²`
       } catch (error) {
         says.className = 'remark bad'
-        says.textContent = error.message
+        says.textContent = sentence(error)
       }
     }
     return h('details', {}, h('summary', {}, 'Work one out from swings'),
@@ -277,7 +277,7 @@ class Description {
     try {
       found = await post('/api/vehicles/check', draft)
     } catch (error) {
-      if (serial === this.asked && !this.signal.aborted) this.follows.replaceChildren(remark('bad', h('p', {}, error.message)))
+      if (serial === this.asked && !this.signal.aborted) this.follows.replaceChildren(remark('bad', h('p', {}, sentence(error))))
       return
     }
     if (serial !== this.asked || this.signal.aborted) return
@@ -309,7 +309,7 @@ class Description {
       await this.save(this.draft())
     } catch (error) {
       this.words.className = 'remark bad'
-      this.words.textContent = error.message
+      this.words.textContent = sentence(error)
       this.words.id ||= newId('problem')
     } finally {
       this.button.disabled = false

@@ -1,6 +1,6 @@
 // The plots of a flight's signals: what is fetched, the stretch of time they share, and what one does with them.
 
-import { asking, get, hand, post } from '../shared/api.js'
+import { aborted, asking, get, hand, post, sentence } from '../shared/api.js'
 import { announce } from '../shared/announce.js'
 import { Cursor } from './cursor.js'
 import { h } from '../shared/dom.js'
@@ -31,6 +31,7 @@ export class Drawing {
     this.whole = [0, Infinity]
     this.groups = []
     this.found = {}
+    /** @type {{ start: number, end: number } | null} until something is drawn */
     this.range = null
     this.way = ''
     this.place = h('div', { class: 'plots' })
@@ -129,7 +130,7 @@ export class Drawing {
 
   /** All plots follow the one whose range has changed. */
   moved({ start, end }) {
-    if (start === this.range.start && end === this.range.end) return
+    if (start === this.range?.start && end === this.range?.end) return
     this.range = { start, end }
     for (const { range } of this.shown) range?.setv(this.range)
     this.showSpan()
@@ -138,6 +139,7 @@ export class Drawing {
   }
 
   async refresh() {
+    if (!this.range) return
     this.query.set('start', this.range.start.toFixed(3))
     this.query.set('end', this.range.end.toFixed(3))
     try {
@@ -152,11 +154,12 @@ export class Drawing {
       }
       keepQuery(this.query)
     } catch (error) {
-      if (error.name !== 'AbortError') announce(error.message, true)
+      if (!aborted(error)) announce(sentence(error), true)
     }
   }
 
   showSpan() {
+    if (!this.range) return
     this.span.textContent = `${number(this.range.start, 4)} to ${number(this.range.end, 4)} s`
   }
 
@@ -171,6 +174,7 @@ export class Drawing {
 
   /** Identify the stretch that is shown. */
   async identify(button) {
+    if (!this.range) return
     button.disabled = true
     try {
       const { start, end } = this.range
@@ -178,7 +182,7 @@ export class Drawing {
       this.begun(job)
       announce(`An identification of ${this.span.textContent} was started; it stands below.`, true)
     } catch (error) {
-      announce(error.message, true)
+      announce(sentence(error), true)
     } finally {
       button.disabled = false
     }
@@ -213,11 +217,13 @@ export class Drawing {
 
   controls() {
     const zoom = factor => () => {
+      if (!this.range) return
       const { start, end } = this.range
       const [middle, half] = [(start + end) / 2, factor * (end - start) / 2]
       this.look(middle - half, middle + half)
     }
     const move = share => () => {
+      if (!this.range) return
       const { start, end } = this.range
       this.look(start + share * (end - start), end + share * (end - start))
     }

@@ -1,6 +1,6 @@
 // A flight's page: its summary, its signals and jobs, its model, its discrepancy.
 
-import { get, getIfThere, remove } from '../shared/api.js'
+import { get, getIfThere, remove, sentence } from '../shared/api.js'
 import { announce } from '../shared/announce.js'
 import { h, listing, remark } from '../shared/dom.js'
 import { discrepancy } from '../model/discrepancy.js'
@@ -46,7 +46,7 @@ export async function flight(page, [id, tab = ''], query, signal) {
       try {
         outcome.replaceChildren(outcomeLine(await get(path, signal)) ?? '')
       } catch (error) {
-        if (!signal.aborted) announce(error.message)
+        if (!signal.aborted) announce(sentence(error))
       }
     }
     page.append(outcome, ...facts(summary, path), await flightNotes(summary, path, signal, again))
@@ -71,7 +71,7 @@ function deletion(path, name) {
       location.hash = '#/flights'
       announce(`${name} is deleted. For a day it can be taken back, at the end of this list.`, true)
     } catch (error) {
-      words.replaceChildren(error.message)
+      words.replaceChildren(sentence(error))
       button.after(words)
       event.target.disabled = false
     }

@@ -1,6 +1,6 @@
 // Choosing among all flights: the newest stand there, others are found by words of their name, id or date.
 
-import { asking, get } from '../shared/api.js'
+import { asking, get, sentence } from '../shared/api.js'
 import { announce } from '../shared/announce.js'
 import { field, h } from '../shared/dom.js'
 
@@ -23,7 +23,7 @@ export function flightSearch(take, signal) {
       const found = await findFlights({ search: input.value }, signal)
       if (number === asked) take(found, input.value)
     } catch (error) {
-      if (!signal.aborted) announce(error.message, true)
+      if (!signal.aborted) announce(sentence(error), true)
     }
   }
   const input = h('input', { type: 'search', autocomplete: 'off', maxlength: 200,

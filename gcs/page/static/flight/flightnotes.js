@@ -1,6 +1,6 @@
 // What people say of a flight: its name, a comment, tags, and which aircraft it was.
 
-import { get, patch } from '../shared/api.js'
+import { get, patch, sentence } from '../shared/api.js'
 import { field, h, remark, select } from '../shared/dom.js'
 
 const VERDICTS = { good: ['good', 'good for identification'], care: ['note', 'usable with care'], poor: ['bad', 'too poor'] }
@@ -39,7 +39,7 @@ export async function flightNotes(summary, path, signal, done) {
       done(change)
     } catch (error) {
       says.className = 'remark bad'
-      says.textContent = error.message
+      says.textContent = sentence(error)
     }
   }
   const title = h('input', { type: 'text', maxlength: 200, value: summary.title, change: () => keep({ title: title.value.trim() }) })

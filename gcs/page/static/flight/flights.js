@@ -1,6 +1,6 @@
 // The list of flights, and taking in logs.
 
-import { asking, get, post, remove, upload } from '../shared/api.js'
+import { asking, get, post, remove, sentence, upload } from '../shared/api.js'
 import { announce } from '../shared/announce.js'
 import { field, h, remark, select, table } from '../shared/dom.js'
 import { findFlights, flightTitle } from './flightchoice.js'
@@ -82,7 +82,7 @@ function bin(found, show) {
         words.textContent = `${flightTitle(one)} is in the list again.`
         await show()
       } catch (error) {
-        words.textContent = error.message
+        words.textContent = sentence(error)
       }
     } }, 'Take back'))
     return item
@@ -128,7 +128,7 @@ function together() {
         await act(box.value)
         box.checked = false
       } catch (error) {
-        refused.push(`${box.value}: ${error.message}`)
+        refused.push(`${box.value}: ${sentence(error)}`)
       }
     }
     event.target.disabled = false
@@ -172,7 +172,7 @@ function uploadForm(done, signal) {
       await done()
     } catch (error) {
       words.className = 'remark bad'
-      words.textContent = `${file.name} was not taken: ${error.message}`
+      words.textContent = `${file.name} was not taken: ${sentence(error)}`
       mapping.open ||= !mapping.hidden
       announce(words.textContent)
     } finally {

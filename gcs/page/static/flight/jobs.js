@@ -1,6 +1,6 @@
 // Jobs of a flight: starting them, following them, their errors in words.
 
-import { get, post, remove } from '../shared/api.js'
+import { get, post, remove, sentence } from '../shared/api.js'
 import { announce } from '../shared/announce.js'
 import { field, h, remark, select } from '../shared/dom.js'
 import { findFlights, flightSearch, flightTitle } from './flightchoice.js'
@@ -78,7 +78,7 @@ function form(title, words, label, parts, submit) {
         says.textContent = ['Started; its progress stands below.', ...job.log].join(' ')
       } catch (error) {
         says.className = 'remark bad'
-        says.textContent = error.message
+        says.textContent = sentence(error)
       }
     },
   }, h('h3', {}, title), h('p', {}, words), parts, h('button', { class: 'main' }, label), says)
@@ -147,7 +147,7 @@ function item(job, signal, add, over) {
       try {
         await act()
       } catch (error) {
-        problem.replaceChildren(error.message)
+        problem.replaceChildren(sentence(error))
         element.append(problem)
         event.target.disabled = false
       }
@@ -168,7 +168,7 @@ function item(job, signal, add, over) {
       job = newest
     } catch (error) {
       if (signal.aborted) return
-      element.append(remark('bad', error.message))
+      element.append(remark('bad', sentence(error)))
       setTimeout(follow, 5 * EVERY_MS)
       return
     }

@@ -1,6 +1,6 @@
 // What one does with a plot: keep its picture, draw it with another, by buttons or by dragging its heading.
 
-import { hand } from '../shared/api.js'
+import { hand, sentence } from '../shared/api.js'
 import { announce } from '../shared/announce.js'
 import { h } from '../shared/dom.js'
 
@@ -18,7 +18,7 @@ async function keep(element, name, kind) {
     const blob = await element.view.export(kind).to_blob()
     hand(blob, `${name.replace(/[^\w.-]+/g, '_').slice(0, 120)}.${kind}`)
   } catch (error) {
-    announce(`No picture could be made: ${error.message}`, true)
+    announce(`No picture could be made: ${sentence(error)}`, true)
   }
 }
 

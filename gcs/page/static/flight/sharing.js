@@ -1,6 +1,6 @@
 // What a shared link shows, and how one is made: one flight, its report and its recording, for some days.
 
-import { get, getIfThere, post } from '../shared/api.js'
+import { get, getIfThere, post, sentence } from '../shared/api.js'
 import { field, h, remark } from '../shared/dom.js'
 import { duration, utc } from '../shared/format.js'
 import { flightTitle } from './flightchoice.js'
@@ -34,7 +34,7 @@ export function sharing(path) {
             ? [remark('note', 'This link works on this device alone. Open this page by the address of the station in the network, and make it there.')] : []))
         address.select()
       } catch (error) {
-        says.replaceChildren(remark('bad', error.message))
+        says.replaceChildren(remark('bad', sentence(error)))
       }
     } }, field('Days', days, 'After these it shows nothing any more'), h('button', {}, 'Make a link')), says)
 }

@@ -23,6 +23,7 @@ export async function overTime(groups, found, range, { used, modes }, moved, sig
     const own = new Bokeh.Range1d(range)
     const units = [...new Set(group.map(name => shownUnit(found[name].unit)[0]))]
     const figure = await plot({ x: 'time, s', y: units[0], xRange: own, height: group.length > 1 ? 300 : 200, select: true })
+    /** @type {Record<string, { name: string, range: any } | null>} by unit; null is the plot's own axis */
     const axes = { [units[0]]: null }
     for (const unit of units.slice(1)) axes[unit] = await furtherAxis(figure, unit)
     for (const { start, end } of used) {
@@ -37,7 +38,8 @@ export async function overTime(groups, found, range, { used, modes }, moved, sig
       const [unit, factor] = shownUnit(found[name].unit)
       kept[name] = await source(columns(found[name], factor))
       const drawn = line(figure, kept[name], 'x', 'y', index, group.length > 1 ? named(name, units.length > 1 ? unit : '') : null, 2.5, axes[unit])
-      if (axes[unit]) axes[unit].range.renderers = [...axes[unit].range.renderers, drawn]
+      const further = axes[unit]
+      if (further) further.range.renderers = [...further.range.renderers, drawn]
       else ofFirst.push(drawn)
     }
     // Each axis goes by its own lines alone.

@@ -59,9 +59,11 @@ export class FlyNext {
     this.voice = h('button', { type: 'button', class: 'small', 'data-key': 'speak', 'aria-pressed': String(this.speaks), click: () => this.toggle() }, 'Read aloud')
     this.voice.hidden = !('speechSynthesis' in window)
     this.count = h('p', { class: 'next-count', hidden: true })
+    /** @type {Record<string, number[]>} angles that were received, by surface */
+    this.moved = {}
     this.counts = h('button', { type: 'button', class: 'small', 'data-key': 'count', click: () => this.counting ? this.end() : this.begin() }, 'Count down')
     this.wanted = ''
-    this.counting = null
+    this.counting = undefined
     this.element = h('section', { class: 'card next', hidden: true, 'aria-labelledby': 'next-heading' },
       h('div', { class: 'row' }, h('h2', { id: 'next-heading' }, 'Fly next'), this.counts, this.voice), this.what, this.count, this.why, this.hand)
     this.said = ''
@@ -165,7 +167,7 @@ export class FlyNext {
   stop() {
     clearInterval(this.counting)
     clearTimeout(this.leaving)
-    this.counting = null
+    this.counting = undefined
     write(this.counts, 'Count down', 'small')
   }
 

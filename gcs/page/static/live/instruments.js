@@ -59,6 +59,8 @@ export class Instruments {
       h('dl', { class: 'tiles' }, this.tiles.map(tile => tile.element)))
     this.elements = [h('h2', { class: 'unseen' }, 'Instruments'), this.element]
     this.old = true
+    /** @type {Map<string, { value: number, at: number }>} */
+    this.known = new Map()
     this.clear()
   }
 
@@ -94,7 +96,7 @@ export class Instruments {
     }
     this.element.classList.toggle('stale', this.old)
     for (const tile of this.tiles) tile.show(known, this.old)
-    this.horizon(known('phi'), known('theta'))
+    this.horizon(known('phi') ?? NaN, known('theta') ?? NaN)
   }
 
   horizon(phi, theta) {

@@ -1,7 +1,7 @@
 // The view while the aircraft flies: state, instruments, plots, links, coefficients, warnings.
 
 import { announce } from '../shared/announce.js'
-import { get } from '../shared/api.js'
+import { aborted, get, sentence, statusOf } from '../shared/api.js'
 import { h } from '../shared/dom.js'
 import { duration } from '../shared/format.js'
 import { FlyNext } from './flynext.js'
@@ -41,9 +41,9 @@ export async function live(page, parts, query, signal) {
   try {
     newest = await get('/api/live', signal)
   } catch (error) {
-    if (error.status === 401 || error.name === 'AbortError') throw error
+    if (statusOf(error) === 401 || aborted(error)) throw error
     newest = null
-    view.disconnected(error.message)
+    view.disconnected(sentence(error))
   }
   page.append(h('h1', { class: 'unseen' }, 'Live'), view.banner, view.status.element, view.first, view.warnings.element,
     h('div', { class: 'cockpit' }, h('div', {}, ...view.instruments.elements, view.next.element, view.notes.element), view.track.element),
@@ -160,7 +160,7 @@ class LiveView {
     try {
       this.plots.units((await get('/api/live', this.signal)).signals)
     } catch (error) {
-      if (!this.signal.aborted) announce(error.message)
+      if (!this.signal.aborted) announce(sentence(error))
     } finally {
       this.asking = false
     }
@@ -212,7 +212,7 @@ class LiveView {
       this.take(newest)
       if (!this.data.flight || minute.flight === this.data.flight) this.plots.fill(minute)
     } catch (error) {
-      if (!this.signal.aborted) this.disconnected(error.message)
+      if (!this.signal.aborted) this.disconnected(sentence(error))
     }
   }
 
@@ -224,7 +224,7 @@ class LiveView {
       this.status.take({ links, health })
     } catch (error) {
       if (this.signal.aborted) return
-      this.links.fail(error.message)
+      this.links.fail(sentence(error))
     }
     const timer = setTimeout(() => this.showLinks(), LINKS_MS)
     this.signal.addEventListener('abort', () => clearTimeout(timer))

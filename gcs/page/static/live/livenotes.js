@@ -1,6 +1,6 @@
 // Notes made in flight, which stay in the recording, and what the vehicle says.
 
-import { post } from '../shared/api.js'
+import { post, sentence } from '../shared/api.js'
 import { announce } from '../shared/announce.js'
 import { h } from '../shared/dom.js'
 import { duration } from '../shared/format.js'
@@ -50,7 +50,7 @@ export class Notes {
       done?.()
       this.draw()
     } catch (error) {
-      if (!this.signal.aborted) announce(error.message, true)
+      if (!this.signal.aborted) announce(sentence(error), true)
     }
   }
 

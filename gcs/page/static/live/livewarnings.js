@@ -12,6 +12,10 @@ const FIGURES = /(?<![\p{L}\d_])[-+]?\d+(\.\d+)?/gu
 export class Warnings {
   constructor() {
     this.element = h('div', {})
+    /** @type {Map<string, number>} when each was there last */
+    this.heard = new Map()
+    /** @type {HTMLElement[]} */
+    this.lines = []
     this.clear()
   }
 
@@ -38,7 +42,7 @@ export class Warnings {
 
   announceNew(found) {
     const now = Date.now()
-    const news = found.filter(({ key }) => !(now - this.heard.get(key) < FORGOTTEN_MS))
+    const news = found.filter(({ key }) => !(now - (this.heard.get(key) ?? -Infinity) < FORGOTTEN_MS))
     for (const { key } of found) this.heard.set(key, now)
     if (news.length) announce(news.map(one => one.text).join('. '))
   }

@@ -1,6 +1,6 @@
 // Two models side by side with the difference in standard errors, and a signal of two flights over each other.
 
-import { get } from '../shared/api.js'
+import { get, sentence } from '../shared/api.js'
 import { bars, estimated } from './estimates.js'
 import { field, h, remark, select, table } from '../shared/dom.js'
 import { findFlights, flightSearch, flightTitle } from '../flight/flightchoice.js'
@@ -53,7 +53,7 @@ function modelSection(page, models, query, signal) {
       const two = await Promise.all(ids.map(id => get(`/api/models/${id}`, signal)))
       place.replaceChildren(...coefficients(two))
     } catch (error) {
-      place.replaceChildren(remark('bad', error.message))
+      place.replaceChildren(remark('bad', sentence(error)))
     }
   }
   const mine = models.find(model => model.flight_id === query.get('a')) ?? models[0]
@@ -74,7 +74,7 @@ function coefficients(models) {
   const [a, b] = models.map(model => Object.fromEntries(estimated(model)))
   const all = Object.keys({ ...a, ...b })
   const both = all.filter(name => difference(a[name], b[name]) !== null)
-  const far = both.filter(name => Math.abs(difference(a[name], b[name])) > FAR)
+  const far = both.filter(name => Math.abs(difference(a[name], b[name]) ?? 0) > FAR)
   const rows = all.map(name => {
     const there = [a[name], b[name]].filter(Boolean)
     const z = difference(a[name], b[name])
@@ -106,7 +106,7 @@ function signalSection(page, found, query, signal) {
     try {
       place.replaceChildren(await overlay(chosen(), query.get('s'), signal))
     } catch (error) {
-      place.replaceChildren(remark('bad', error.message))
+      place.replaceChildren(remark('bad', sentence(error)))
     }
   }
   const names = async () => {

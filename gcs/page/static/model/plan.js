@@ -1,6 +1,6 @@
 // The next flight: which manoeuvres, and what error bars they will give, beside those that this flight has reached.
 
-import { get, post, hand } from '../shared/api.js'
+import { get, hand, post, sentence } from '../shared/api.js'
 import { field, h, listing, remark, select, table, there } from '../shared/dom.js'
 import { number } from '../shared/format.js'
 import { nothingYet } from '../flight/jobs.js'
@@ -50,7 +50,7 @@ function ontoBoard(summary) {
       says.textContent = `${bytes.toLocaleString('en')} bytes are on its card as ${path}, checked by the board itself. Set SCR_ENABLE to 1 and RCn_OPTION of a switch to 300, start the board anew, and flip the switch at a safe height.`
     } catch (error) {
       says.className = 'remark bad'
-      says.textContent = error.message
+      says.textContent = sentence(error)
     } finally {
       button.disabled = false
     }
@@ -98,7 +98,7 @@ function form(summary, models, signal) {
       if (await over(job.id, signal, text => { says.textContent = text })) location.reload()
     } catch (error) {
       says.className = 'remark bad'
-      says.textContent = error.message
+      says.textContent = sentence(error)
     }
   } }, h('h2', {}, 'Plan the next flight'), h('div', { class: 'grid' }, field('Model so far', model), field('Manoeuvres', way),
     field('Seconds', duration), field('Turbulence to expect, m/s', gusts), field('Angle of attack at most, ° from trim', alpha, 'May stay empty'),

@@ -8,6 +8,15 @@ export class Problem extends Error {
   }
 }
 
+/** What went wrong, in words. @param {unknown} error whatever was thrown */
+export const sentence = error => error instanceof Error ? error.message : String(error)
+
+/** Whether something ended because nobody waits for it any more. @param {unknown} error whatever was thrown */
+export const aborted = error => error instanceof Error && error.name === 'AbortError'
+
+/** The status of the answer that is a problem; undefined of any other error. @param {unknown} error whatever was thrown */
+export const statusOf = error => error instanceof Problem ? error.status : undefined
+
 /** The detail of an answer that is an error. */
 export async function problemOf(answer) {
   const text = await answer.text()
@@ -29,7 +38,7 @@ export async function request(path, options = {}) {
   try {
     answer = await fetch(path, options)
   } catch (error) {
-    if (error.name === 'AbortError') throw error
+    if (aborted(error)) throw error
     throw new Problem(0, 'the ground station does not answer; is it running, and is this device on its network?')
   }
   if (!answer.ok) throw await problemOf(answer)
@@ -58,7 +67,7 @@ export async function getIfThere(path, signal) {
   try {
     return await get(path, signal)
   } catch (error) {
-    if (error.status === 404) return null
+    if (statusOf(error) === 404) return null
     throw error
   }
 }

@@ -18,6 +18,13 @@ export const h = (tag, attributes, ...children) => fill(document.createElement(t
 /** An SVG element. */
 export const svg = (tag, attributes, ...children) => fill(document.createElementNS(SVG, tag), attributes, children)
 
+/** The element of the document that has this identifier; the document itself holds all that are asked for. */
+export function byId(id) {
+  const found = document.getElementById(id)
+  if (!found) throw new Error(`the document has no #${id}`)
+  return found
+}
+
 let numbered = 0
 /** An identifier that no other element has. */
 export const newId = stem => `${stem}-${++numbered}`

@@ -42,7 +42,9 @@ export function say(text) {
 function translated(text) {
   if (!/\p{L}/u.test(text)) return text
   if (Object.hasOwn(texts, text)) return texts[text]
-  const [, before, core, behind] = /^(\s*)(.*?)(\s*)$/su.exec(text)
+  const parts = /^(\s*)(.*?)(\s*)$/su.exec(text)
+  if (!parts) return text
+  const [, before, core, behind] = parts
   if (Object.hasOwn(texts, core)) return before + texts[core] + behind
   for (const [pattern, words] of patterns) {
     const found = pattern.exec(core)

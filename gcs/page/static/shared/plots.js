@@ -10,12 +10,14 @@ const AXIS = {
 }
 const DASHES = ['solid', 'dashed', 'solid', 'dotdash', 'solid', 'dashed']
 
+/** @type {Promise<any> | null} */
 let loading = null
 
 /** BokehJS, loaded once. */
 export function bokeh() {
-  /** @type {HTMLMetaElement} */
+  /** @type {HTMLMetaElement | null} */
   const meta = document.querySelector('meta[name=plots]')
+  if (!meta) throw new Error('the document names no plotting library')
   loading ??= meta.content.split(' ')
     .reduce((before, address) => before.then(() => load(address)), Promise.resolve()).then(() => {
       window.Bokeh.set_log_level('error')
@@ -76,7 +78,17 @@ export async function source(columns) {
 export const gaps = columns => Object.fromEntries(Object.entries(columns).map(([name, values]) =>
   [name, values.map(value => value ?? NaN)]))
 
-/** A line of a source's columns; index: which colour and dash. axis: a further one that it goes by. */
+/**
+ * A line of a source's columns; index: which colour and dash.
+ * @param {any} figure
+ * @param {any} data
+ * @param {string} x
+ * @param {string} y
+ * @param {number} index
+ * @param {string | null} [legend]
+ * @param {number} [width]
+ * @param {{ name: string } | null} [axis] a further one that it goes by
+ */
 export const line = (figure, data, x, y, index, legend, width = 2.5, axis = null) => figure.line({ field: x }, { field: y }, {
   source: data, ...(axis ? { y_range_name: axis.name } : {}), line_color: COLOURS[index % 6], line_width: width, line_dash: DASHES[index % 6],
   ...(legend ? { legend_label: legend } : {}),

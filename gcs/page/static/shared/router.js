@@ -1,7 +1,7 @@
 // Which view the address names. Every view has an address of its own, a title, and the focus when it comes.
 
-import { post } from './api.js'
-import { field, h, remark } from './dom.js'
+import { post, sentence, statusOf } from './api.js'
+import { byId, field, h, remark } from './dom.js'
 import { say } from './language.js'
 
 let leaving = new AbortController()
@@ -22,9 +22,9 @@ export function keepQuery(query) {
 export function start(views, fallback) {
   const show = () => render(views, fallback)
   window.addEventListener('hashchange', show)
-  document.querySelector('.skip').addEventListener('click', event => {
+  document.querySelector('.skip')?.addEventListener('click', event => {
     event.preventDefault()
-    document.getElementById('main').focus()
+    byId('main').focus()
   })
   show()
 }
@@ -39,7 +39,7 @@ async function render(views, fallback) {
     if (link.getAttribute('href') === `#/${name}`) link.setAttribute('aria-current', 'page')
     else link.removeAttribute('aria-current')
   }
-  const main = document.getElementById('main')
+  const main = byId('main')
   const page = h('div', {})
   main.setAttribute('aria-busy', 'true')
   main.replaceChildren(page)
@@ -79,7 +79,7 @@ function tokenForm(again) {
         await post('/api/login', { token: input.value.trim() })
         again()
       } catch (error) {
-        const words = error.status === 401 ? 'The ground station did not accept this token.' : error.message
+        const words = statusOf(error) === 401 ? 'The ground station did not accept this token.' : sentence(error)
         refused.replaceChildren(remark('bad', h('p', { role: 'alert' }, words)))
       }
     },

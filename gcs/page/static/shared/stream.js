@@ -1,6 +1,6 @@
 // Server-sent events over fetch, since EventSource says nothing of why it ended; a lost connection is reported and made again.
 
-import { request } from './api.js'
+import { request, sentence, statusOf } from './api.js'
 
 // The service writes at least a comment each 10 s; longer silence is a connection that died without a word.
 const SILENCE_MS = 15_000
@@ -22,8 +22,8 @@ export async function follow(path, signal, { event, state }) {
       throw new Error('the ground station ended the connection')
     } catch (error) {
       if (signal.aborted) return
-      if (error.status === 401 || error.status === 404) throw error
-      state(error.message)
+      if (statusOf(error) === 401 || statusOf(error) === 404) throw error
+      state(sentence(error))
     }
     await pause(WAITS_MS[Math.min(tries++, WAITS_MS.length - 1)], signal)
   }
@@ -38,6 +38,7 @@ async function connection(path, signal, event, opened) {
   try {
     const answer = await request(path, { signal: silent.signal, headers: { Accept: 'text/event-stream' } })
     opened()
+    if (!answer.body) throw new Error('the answer holds nothing')
     const reader = answer.body.pipeThrough(new TextDecoderStream()).getReader()
     const parse = parser(event)
     for (;;) {
@@ -48,7 +49,7 @@ async function connection(path, signal, event, opened) {
       parse(value)
     }
   } catch (error) {
-    if (error.status) throw error
+    if (statusOf(error)) throw error
     throw new Error(navigator.onLine ? 'no answer from the ground station' : 'this device is offline')
   } finally {
     clearTimeout(timer)
@@ -62,7 +63,7 @@ export function parser(event) {
   let rest = ''
   return text => {
     const blocks = (rest + text.replaceAll('\r', '')).split('\n\n')
-    rest = blocks.pop()
+    rest = blocks.pop() ?? ''
     for (const block of blocks) {
       let name = 'message'
       const data = []
@@ -75,7 +76,7 @@ export function parser(event) {
   }
 }
 
-const pause = (ms, signal) => new Promise(resolve => {
+const pause = (ms, signal) => new Promise((/** @type {(value?: any) => void} */ resolve) => {
   const timer = setTimeout(resolve, ms)
   signal.addEventListener('abort', () => (clearTimeout(timer), resolve()))
   window.addEventListener('online', resolve, { once: true })
