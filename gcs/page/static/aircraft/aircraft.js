@@ -1,7 +1,7 @@
 // The aircraft of the station: the list, one of them with its versions, and taking in a vehicle file.
 
 import { get, post, put, remove, sentence } from '../shared/api.js'
-import { aircraftForm } from './aircraftform.js'
+import { aircraftForm } from './aircraftsaving.js'
 import { announce } from '../shared/announce.js'
 import { reading } from './aircraftreading.js'
 import { field, h, remark, table, there } from '../shared/dom.js'

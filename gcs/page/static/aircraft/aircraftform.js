@@ -1,56 +1,31 @@
-// The guided description of an aircraft: what one measures with a scale, a ruler and a watch, held against what flies.
+// The form of an aircraft: what one measures with a scale, a ruler and a watch.
 
-import { post, sentence } from '../shared/api.js'
-import { reading } from './aircraftreading.js'
-import { field, h, newId, remark, select } from '../shared/dom.js'
-import { number } from '../shared/format.js'
+import { field, h, select } from '../shared/dom.js'
+import { swings } from './pendulum.js'
 
-const PAUSE_MS = 300
 const CONTROLS = { elevator: 'Elevator', aileron: 'Ailerons', rudder: 'Rudder', throttle: 'Throttle' }
-const SENSORS = { alpha_vane: 'Angle-of-attack vane', beta_vane: 'Sideslip vane', accelerometer: 'Accelerometer (the autopilot)' }
-const CHANNELS = [['alpha', 'angle of attack'], ['beta', 'sideslip'], ['airspeed', 'airspeed'], ['thrust', 'thrust']]
-const AXES = [['Iyy', 'pitch (Iyy)'], ['Ixx', 'roll (Ixx)'], ['Izz', 'yaw (Izz)']]
-
-/**
- * The form, what follows from it, and its text.
- * toml: the text that the form's answers are put into. form: null where the form cannot show it. save(draft): keeps it.
- */
-export function aircraftForm({ toml, form, save, label, signal }) {
-  return new Description(toml, form, save, label, signal).element
+const SENSORS = {
+  alpha_vane: 'Angle-of-attack vane', beta_vane: 'Sideslip vane', accelerometer: 'Accelerometer (the autopilot)',
 }
+const CHANNELS = [['alpha', 'angle of attack'], ['beta', 'sideslip'], ['airspeed', 'airspeed'], ['thrust', 'thrust']]
 
-class Description {
-  constructor(toml, form, save, label, signal) {
-    this.toml = toml
-    this.form = form && structuredClone(form)
-    this.save = save
-    this.signal = signal
-    this.timer = 0
-    this.asked = 0
-    this.typed = false
+/** Its parts, which write what is entered into `form` and call changed() then. */
+export class Form {
+  constructor(form, changed) {
+    this.form = form
+    this.changed = changed
     /** @type {Record<string, HTMLInputElement>} */
     this.inputs = {}
-    this.follows = h('section', { 'aria-label': 'Check', 'aria-live': 'polite' })
-    this.words = h('p', { role: 'status' })
-    this.button = h('button', { class: 'main' }, label)
-    this.text = h('textarea', { rows: 18, spellcheck: false, class: 'code', input: () => this.changedText() })
-    this.text.value = toml
-    this.place = h('div', {})
-    const whole = h('details', {}, h('summary', {}, 'The vehicle file itself'), field('Vehicle file (TOML)', this.text,
-      'What the form does not ask (timing, gusts, further sensors) stands here; a change here shows in the form'))
-    if (!form) whole.open = true
-    this.element = h('form', { submit: event => this.submit(event), novalidate: true, class: 'description' },
-      this.place, this.follows, whole, h('p', { class: 'row' }, this.button), this.words)
-    this.draw()
-    this.check()
+    this.elements = [this.basics(), this.inertia(), this.controls(), this.motor(), this.places(), this.bench()]
   }
 
-  draw() {
-    if (!this.form) {
-      this.place.replaceChildren(remark('note', h('p', {}, 'This file holds what the form cannot show; change its text.')))
-      return
+  /** Put numbers that were worked out into their fields. */
+  take(made) {
+    for (const [name, value] of Object.entries(made)) {
+      this.form.numbers[name] = value
+      this.inputs[name].value = String(value)
     }
-    this.place.replaceChildren(this.basics(), this.inertia(), this.controls(), this.motor(), this.places(), this.bench())
+    this.changed()
   }
 
   /** A field of a number that is kept in form.numbers; empty takes it out. */
@@ -80,48 +55,7 @@ class Description {
     const entries = ['Ixx', 'Iyy', 'Izz'].map(key => h('div', {}, this.figure(`${key}_kgm2`, key, 'kg m²'), this.figure(`${key}_std_kgm2`, `± of ${key}`, 'kg m²')))
     return h('fieldset', { class: 'panel' }, h('legend', {}, 'Moments of inertia'),
       h('p', {}, 'Leave all three empty, and those usual for span and mass are taken, to 70 %: lift and drag hardly suffer, moments are known no better.'),
-      h('div', { class: 'grid' }, entries, this.figure('Ixz_kgm2', 'Ixz', 'kg m²', 'May stay empty')), this.swings())
-  }
-
-  /** Swings of a pendulum become a moment of inertia with its error, which is put into the fields above. */
-  swings() {
-    const hint = { bifilar: 'of the two wires', swing: 'from the axis down to the centre of gravity' }
-    const [length, spacing] = [0, 1].map(() => h('input', { type: 'number', step: 'any', min: 0 }))
-    const times = h('input', { type: 'text', placeholder: '15.9, 15.7, 15.8', autocomplete: 'off' })
-    const count = h('input', { type: 'number', min: 1, value: 10 })
-    const lengthField = field('Length, m', length, hint.bifilar)
-    const spacingField = field('Distance between the wires, m', spacing, 'Half on either side of the centre of gravity')
-    const axis = select(AXES, 'Iyy')
-    const way = select([['bifilar', 'hung on two wires, turned about the vertical'], ['swing', 'swung about an axis above it']], 'bifilar', value => {
-      lengthField.querySelector('.hint').textContent = hint[value]
-      spacingField.hidden = value === 'swing'
-    })
-    const says = h('p', { role: 'status' })
-    const work = async () => {
-      says.className = ''
-      try {
-        const found = await post('/api/vehicles/inertia', {
-          way: way.value, mass_kg: this.form.numbers.mass_kg, length_m: Number(length.value), swings: Number(count.value),
-          ...(this.form.numbers.mass_std_kg ? { mass_std_kg: this.form.numbers.mass_std_kg } : {}),
-          ...(way.value === 'bifilar' ? { spacing_m: Number(spacing.value) } : {}),
-          times_s: times.value.split(/[\s,;]+/).filter(Boolean).map(Number),
-        })
-        const made = { [`${axis.value}_kgm2`]: Number(found.value.toPrecision(4)), [`${axis.value}_std_kgm2`]: Number(found.std.toPrecision(2)) }
-        for (const [name, value] of Object.entries(made)) {
-          this.form.numbers[name] = value
-          this.inputs[name].value = String(value)
-        }
-        this.changed()
-        says.textContent = `${axis.value} is ${number(found.value, 4)} ± ${number(found.std, 2)} kg m²`
-      } catch (error) {
-        says.className = 'remark bad'
-        says.textContent = sentence(error)
-      }
-    }
-    return h('details', {}, h('summary', {}, 'Work one out from swings'),
-      h('div', { class: 'grid' }, field('About which axis', axis), field('How it hung', way), lengthField, spacingField,
-        field('Whole swings timed', count), field('Seconds for them, each time', times, 'Time them three times')),
-      h('button', { type: 'button', click: work }, 'Work it out'), says)
+      h('div', { class: 'grid' }, entries, this.figure('Ixz_kgm2', 'Ixz', 'kg m²', 'May stay empty')), swings(this.form.numbers, made => this.take(made)))
   }
 
   controls() {
@@ -251,69 +185,6 @@ class Description {
       delete this.form.bench[name]
       again()
     } }, `Leave ${name} out`))
-  }
-
-  draft() {
-    const named = this.form && { ...this.form, name: this.form.name.trim() || 'aircraft' }
-    return named && !this.typed ? { toml: this.toml, form: named } : { toml: this.text.value }
-  }
-
-  changed() {
-    ++this.asked  // an answer that is still to come knows nothing of this
-    clearTimeout(this.timer)
-    this.timer = setTimeout(() => this.check(), PAUSE_MS)
-  }
-
-  changedText() {
-    this.typed = true
-    this.changed()
-  }
-
-  /** Ask what follows; a change of the text is shown in the form, one of the form in the text. */
-  async check() {
-    const draft = this.draft()
-    const serial = ++this.asked
-    let found
-    try {
-      found = await post('/api/vehicles/check', draft)
-    } catch (error) {
-      if (serial === this.asked && !this.signal.aborted) this.follows.replaceChildren(remark('bad', h('p', {}, sentence(error))))
-      return
-    }
-    if (serial !== this.asked || this.signal.aborted) return
-    if (this.typed && !found.problem) {
-      this.toml = found.toml
-      this.form = found.form
-      this.typed = false
-      this.draw()
-    } else if (!this.typed) {
-      this.toml = found.toml
-      this.text.value = found.toml
-    }
-    this.place.inert = this.typed  // what is changed in it meanwhile would be lost
-    const begun = !this.form || Boolean(this.form.name || Object.keys(this.form.numbers).length)
-    this.follows.replaceChildren(reading(found, begun), ...(this.typed ? [remark('note', h('p', {}, 'The form waits until the text is a vehicle file again.'))] : []))
-  }
-
-  async submit(event) {
-    event.preventDefault()
-    if (this.form && !this.typed && !this.form.name.trim()) {
-      this.words.className = 'remark bad'
-      this.words.textContent = 'Give it a name.'
-      return
-    }
-    this.words.className = ''
-    this.words.textContent = 'Sent …'
-    this.button.disabled = true
-    try {
-      await this.save(this.draft())
-    } catch (error) {
-      this.words.className = 'remark bad'
-      this.words.textContent = sentence(error)
-      this.words.id ||= newId('problem')
-    } finally {
-      this.button.disabled = false
-    }
   }
 }
 

@@ -13,6 +13,9 @@ import { againstEachOther, byUnit, overTime, spectra, spectrograms } from './sig
 const POINTS = 1000
 const FINE = 20_000
 const PATIENCE_MS = 150
+// What is drawn over another axis than time.
+/** @type {Record<string, typeof spectra | typeof spectrograms | typeof againstEachOther>} */
+const WAYS = { spectrum: spectra, spectrogram: spectrograms, xy: againstEachOther }
 
 /** The plots below each other, over one range of time. */
 export class Drawing {
@@ -65,10 +68,9 @@ export class Drawing {
     this.stop?.abort()
     const stop = this.stop = new AbortController()
     this.signal.addEventListener('abort', () => stop.abort())
-    const shown = way === 'spectrum' ? await spectra(names, found, stop.signal)
-      : way === 'spectrogram' ? await spectrograms(names, found, stop.signal)
-        : way === 'xy' ? await againstEachOther(names, found, stop.signal)
-          : await overTime(way === 'together' ? byUnit(names, found) : groups, found, range, summary, changed => this.moved(changed), stop.signal)
+    const over = () => overTime(way === 'together' ? byUnit(names, found) : groups, found, range, summary,
+      changed => this.moved(changed), stop.signal)
+    const shown = await (Object.hasOwn(WAYS, way) ? WAYS[way](names, found, stop.signal) : over())
     if (serial !== this.serial) return
     Object.assign(this, { groups, way, range, found, shown })
     for (const [index, { element, names: drawn }] of this.shown.entries()) {

@@ -104,12 +104,19 @@ class LiveView {
     this.look()
   }
 
+  /** The state's name: what is late hides that the flight is over, and that hides silence. */
+  named(late, silent) {
+    if (late) return 'late'
+    if (this.data.landed) return 'landed'
+    return silent ? 'silent' : this.data.state
+  }
+
   /** Show the state as it is now: old figures must not look like new ones. */
   look() {
     if (this.broken) return
     const late = this.data.state === 'live' && Date.now() - this.heard > SILENT_MS
     const silent = this.data.state !== 'live' && this.data.silent
-    const [kind, words] = STATES[late ? 'late' : this.data.landed ? 'landed' : silent ? 'silent' : this.data.state]
+    const [kind, words] = STATES[this.named(late, silent)]
     const over = this.data.landed || silent
     this.first.hidden = this.data.state !== 'waiting' || Boolean(over)
     this.result.hidden = !over || late
