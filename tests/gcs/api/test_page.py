@@ -22,6 +22,7 @@ from gcs.settings import Settings
 
 MOST_BYTES = 1_000_000
 MOST_MODULES = 16
+LONGEST_LINE = 120
 
 
 class Document(HTMLParser):
@@ -116,6 +117,12 @@ def test_a_folder_of_modules_holds_no_more_than_a_reader_takes_in() -> None:
     counts = Counter(path.parent.name for path in modules)
     assert set(counts) == {"static", "live", "flight", "model", "aircraft", "shared"}
     assert max(counts.values()) <= MOST_MODULES
+
+
+def test_no_line_of_a_script_is_longer_than_one_of_the_code() -> None:
+    scripts = [path for path in Path(str(files("gcs.page") / "static")).rglob("*") if ".js" in path.suffixes]
+    lines = [(path.name, line) for path in scripts for line in path.read_text(encoding="utf-8").splitlines()]
+    assert [found for found in lines if len(found[1]) > LONGEST_LINE] == []
 
 
 def test_the_plotting_library_is_served_with_its_licence_and_needs_no_package(

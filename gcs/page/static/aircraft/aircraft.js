@@ -18,12 +18,15 @@ export async function aircraft(page, [id, action], query, signal) {
   const found = await get('/api/vehicles', signal)
   page.append(
     h('h1', {}, 'Aircraft'),
-    h('p', {}, 'What a flight is identified with: mass, geometry, which servo moves what. Each flight names its aircraft.'),
+    h('p', {}, 'What a flight is identified with: mass, geometry, which servo moves what. Each flight names its '
+      + 'aircraft.'),
     h('p', { class: 'row' }, h('a', { class: 'button main', href: '#/aircraft/new' }, 'Describe an aircraft')),
-    found.length ? table('Aircraft of this station', ['Aircraft', 'Version', 'Mass', 'Span', 'Changed (UTC)', 'Doubts'], found.map(item => [
-      h('a', { href: `#/aircraft/${item.id}` }, item.name), item.editable ? String(item.version) : 'as its file is',
-      `${number(item.mass_kg)} kg`, `${number(item.span_m)} m`, utc(item.changed), item.warnings.length ? String(item.warnings.length) : '',
-    ])) : remark('note', h('p', {}, 'There is none yet. A scale and a ruler are enough to begin with.')),
+    found.length ? table('Aircraft of this station',
+      ['Aircraft', 'Version', 'Mass', 'Span', 'Changed (UTC)', 'Doubts'], found.map(item => [
+        h('a', { href: `#/aircraft/${item.id}` }, item.name), item.editable ? String(item.version) : 'as its file is',
+        `${number(item.mass_kg)} kg`, `${number(item.span_m)} m`, utc(item.changed),
+        item.warnings.length ? String(item.warnings.length) : '',
+      ])) : remark('note', h('p', {}, 'There is none yet. A scale and a ruler are enough to begin with.')),
     importForm())
 }
 
@@ -31,12 +34,14 @@ async function newOne(page, query, signal) {
   const copied = query.get('copy')
   const found = copied ? await get(`/api/vehicles/${encodeURIComponent(copied)}`, signal) : null
   page.append(trail('new'), h('h1', {}, copied ? `Copy of ${found.name}` : 'A new aircraft'))
-  const form = found?.reading.form ? { ...found.reading.form, name: `${found.name} copy` } : { name: '', numbers: {}, controls: {}, places: {}, bench: {} }
-  page.append(aircraftForm({ toml: found?.reading.toml ?? '', form, signal, label: 'Keep this aircraft', save: async draft => {
-    const made = await post('/api/vehicles', draft)
-    announce(`${made.name} is kept`)
-    location.hash = `#/aircraft/${made.id}`
-  } }))
+  const form = found?.reading.form ? { ...found.reading.form, name: `${found.name} copy` }
+    : { name: '', numbers: {}, controls: {}, places: {}, bench: {} }
+  page.append(aircraftForm({ toml: found?.reading.toml ?? '', form, signal, label: 'Keep this aircraft',
+    save: async draft => {
+      const made = await post('/api/vehicles', draft)
+      announce(`${made.name} is kept`)
+      location.hash = `#/aircraft/${made.id}`
+    } }))
 }
 
 async function one(page, reference, action, signal) {
@@ -45,17 +50,23 @@ async function one(page, reference, action, signal) {
   const newest = found.version === found.versions.at(-1)
   page.append(trail(found.name), h('h1', {}, action === 'edit' ? `Change ${found.name}` : found.name))
   if (action === 'edit') {
-    page.append(h('p', {}, `What you keep becomes version ${found.versions.at(-1) + 1}; flights stay with the version they were identified with.`))
-    page.append(aircraftForm({ toml: found.reading.toml, form: found.reading.form, signal, label: 'Keep the change', save: async draft => {
-      const changed = await put(`/api/vehicles/${id}`, draft)
-      announce(`Version ${changed.version} is kept`)
-      location.hash = `#/aircraft/${id}`
-    } }))
+    page.append(h('p', {},
+      `What you keep becomes version ${found.versions.at(-1) + 1}; flights stay with the version they were identified `
+        + `with.`))
+    page.append(aircraftForm({ toml: found.reading.toml, form: found.reading.form, signal, label: 'Keep the change',
+      save: async draft => {
+        const changed = await put(`/api/vehicles/${id}`, draft)
+        announce(`Version ${changed.version} is kept`)
+        location.hash = `#/aircraft/${id}`
+      } }))
     return
   }
-  const versions = found.versions.map(version => h('a', { href: `#/aircraft/${id}@${version}`, 'aria-current': version === found.version ? 'true' : null }, String(version)))
+  const versions = found.versions.map(version =>
+    h('a', { href: `#/aircraft/${id}@${version}`, 'aria-current': version === found.version ? 'true' : null },
+      String(version)))
   page.append(...there(
-    h('p', {}, found.editable ? `Version ${found.version}, ${utc(found.changed)} UTC. ` : 'The vehicle file that the service was started with. ',
+    h('p', {}, found.editable ? `Version ${found.version}, ${utc(found.changed)} UTC. `
+      : 'The vehicle file that the service was started with. ',
       found.versions.length > 1 && ['All versions: ', versions.map((link, i) => [i ? ', ' : '', link]), '.']),
     !newest && remark('note', h('p', {}, 'This is an older version.')),
     h('p', { class: 'row' },
@@ -63,13 +74,15 @@ async function one(page, reference, action, signal) {
       h('a', { class: 'button', href: `#/aircraft/new?copy=${encodeURIComponent(reference)}` }, 'Copy'),
       download(`/api/vehicles/${encodeURIComponent(reference)}/toml`, `${id}.toml`, 'Vehicle file (TOML)'),
       found.editable && h('button', { click: event => discard(event.target, id, found.name) }, 'Delete')),
-    newest && h('p', {}, 'Next: take in a log of it under ', h('a', { href: '#/flights' }, 'Flights'), ', or let it fly on a link.'),
+    newest && h('p', {}, 'Next: take in a log of it under ', h('a', { href: '#/flights' }, 'Flights'),
+      ', or let it fly on a link.'),
     described(found.reading.form), reading(found.reading), surfaceCheck(found.reading.form?.controls ?? {}, signal)))
   page.append(await trends(id, signal))
 }
 
 const UNITS = { kg: 'kg', m: 'm', m2: 'm²', kgm2: 'kg m²', n: 'N', mps: 'm/s' }
-const NAMES = { mass: 'Mass', span: 'Span', area: 'Wing area', chord: 'Mean chord', max_thrust: 'Largest static thrust', propeller: 'Propeller', speed: 'Cruise speed' }
+const NAMES = { mass: 'Mass', span: 'Span', area: 'Wing area', chord: 'Mean chord',
+  max_thrust: 'Largest static thrust', propeller: 'Propeller', speed: 'Cruise speed' }
 
 /** What was entered into the form; nothing where the form cannot show the file. */
 function described(form) {
@@ -81,7 +94,8 @@ function described(form) {
   })
   const controls = Object.entries(form.controls).map(([name, control]) => [name[0].toUpperCase() + name.slice(1),
     control.servos.map(one => `servo ${one.servo}: ${one.pwm_us.join(', ')} µs`).join('; ')])
-  return h('details', {}, h('summary', {}, 'As it was described'), table('Measured and typed', ['What', 'Value'], [...numbers, ...controls]))
+  return h('details', {}, h('summary', {}, 'As it was described'),
+    table('Measured and typed', ['What', 'Value'], [...numbers, ...controls]))
 }
 
 async function discard(button, id, name) {
@@ -113,5 +127,6 @@ function importForm() {
       words.textContent = `${file.name} was not taken: ${sentence(error)}`
     }
   } }, h('h2', {}, 'Take in a vehicle file'),
-  field('Vehicle file (TOML)', input, 'Bench tables must stand in it: points = [[reference, reading], …]'), h('button', {}, 'Take in'), words)
+  field('Vehicle file (TOML)', input, 'Bench tables must stand in it: points = [[reference, reading], …]'),
+  h('button', {}, 'Take in'), words)
 }

@@ -30,11 +30,12 @@ export class Form {
 
   /** A field of a number that is kept in form.numbers; empty takes it out. */
   figure(name, label, unit, hint) {
-    const input = h('input', { type: 'number', step: 'any', inputmode: 'decimal', value: this.form.numbers[name] ?? null, input: () => {
-      if (input.value === '') delete this.form.numbers[name]
-      else this.form.numbers[name] = Number(input.value)
-      this.changed()
-    } })
+    const input = h('input',
+      { type: 'number', step: 'any', inputmode: 'decimal', value: this.form.numbers[name] ?? null, input: () => {
+        if (input.value === '') delete this.form.numbers[name]
+        else this.form.numbers[name] = Number(input.value)
+        this.changed()
+      } })
     this.inputs[name] = input
     return field(`${label}, ${unit}`, input, hint)
   }
@@ -47,20 +48,28 @@ export class Form {
     return h('fieldset', { class: 'panel grid' }, h('legend', {}, 'With a scale and a ruler'),
       field('Name', name, 'As it is called at the field'), this.figure('mass_kg', 'Mass, ready to fly', 'kg'),
       this.figure('mass_std_kg', 'The scale is good to', 'kg', '1 sigma; may stay empty'),
-      this.figure('span_m', 'Span, tip to tip', 'm'), this.figure('area_m2', 'Wing area', 'm²', 'Of the whole planform, through the fuselage; span times mean chord where this stays empty'),
-      this.figure('chord_m', 'Mean chord', 'm', 'Wing area over span where this stays empty'), this.figure('speed_mps', 'Airspeed in cruise', 'm/s', 'May stay empty'))
+      this.figure('span_m', 'Span, tip to tip', 'm'),
+      this.figure('area_m2', 'Wing area', 'm²',
+        'Of the whole planform, through the fuselage; span times mean chord where this stays empty'),
+      this.figure('chord_m', 'Mean chord', 'm', 'Wing area over span where this stays empty'),
+      this.figure('speed_mps', 'Airspeed in cruise', 'm/s', 'May stay empty'))
   }
 
   inertia() {
-    const entries = ['Ixx', 'Iyy', 'Izz'].map(key => h('div', {}, this.figure(`${key}_kgm2`, key, 'kg m²'), this.figure(`${key}_std_kgm2`, `± of ${key}`, 'kg m²')))
+    const entries = ['Ixx', 'Iyy', 'Izz'].map(key =>
+      h('div', {}, this.figure(`${key}_kgm2`, key, 'kg m²'), this.figure(`${key}_std_kgm2`, `± of ${key}`, 'kg m²')))
     return h('fieldset', { class: 'panel' }, h('legend', {}, 'Moments of inertia'),
-      h('p', {}, 'Leave all three empty, and those usual for span and mass are taken, to 70 %: lift and drag hardly suffer, moments are known no better.'),
-      h('div', { class: 'grid' }, entries, this.figure('Ixz_kgm2', 'Ixz', 'kg m²', 'May stay empty')), swings(this.form.numbers, made => this.take(made)))
+      h('p', {}, 'Leave all three empty, and those usual for span and mass are taken, to 70 %: lift and drag hardly '
+        + 'suffer, moments are known no better.'),
+      h('div', { class: 'grid' }, entries, this.figure('Ixz_kgm2', 'Ixz', 'kg m²', 'May stay empty')),
+      swings(this.form.numbers, made => this.take(made)))
   }
 
   controls() {
     return h('fieldset', { class: 'panel' }, h('legend', {}, 'Controls'),
-      h('p', {}, 'Hold the surface at a few deflections, read pulse and angle. Leave a control out where the log holds the autopilot’s parameters: its servo is then found there, its travel guessed to 30 %, and what it does is known no better.'),
+      h('p', {}, 'Hold the surface at a few deflections, read pulse and angle. Leave a control out where the log '
+        + 'holds the autopilot’s parameters: its servo is then found there, its travel guessed to 30 %, and what it '
+        + 'does is known no better.'),
       Object.keys(CONTROLS).map(name => this.control(name)))
   }
 
@@ -81,10 +90,11 @@ export class Form {
     const title = h('label', { class: 'choice' }, box, CONTROLS[name])
     const place = h('div', { class: 'control', role: 'group', 'aria-label': `${CONTROLS[name]}: servos` }, title)
     if (!given) return place
-    const signal = select([['command', 'the command sent to the servo'], ['position', 'its measured position']], given.signal, value => {
-      given.signal = value
-      this.changed()
-    })
+    const signal = select([['command', 'the command sent to the servo'], ['position', 'its measured position']],
+      given.signal, value => {
+        given.signal = value
+        this.changed()
+      })
     place.append(...given.servos.map((servo, index) => this.servo(name, given, servo, index, again)),
       h('div', { class: 'row' }, h('button', { type: 'button', click: () => {
         given.servos.push(newServo(name))
@@ -113,7 +123,8 @@ export class Form {
     }
     const several = given.servos.length > 1
     return h('div', { class: 'grid' }, figure('servo', 'Servo output', 'From 1 to 16'), list('pwm_us', 'Pulses, µs'),
-      list('travel', name === 'throttle' ? 'Throttle there, %' : 'Deflection there, °', name === 'throttle' ? null : 'The sign is yours: keep it the same always'),
+      list('travel', name === 'throttle' ? 'Throttle there, %' : 'Deflection there, °',
+        name === 'throttle' ? null : 'The sign is yours: keep it the same always'),
       several && figure('mix', 'Share', 'Of its deflection in the control’s'),
       several && h('button', { type: 'button', 'aria-label': `Leave servo ${servo.servo} out`, click: () => {
         given.servos.splice(index, 1)
@@ -123,23 +134,27 @@ export class Form {
   }
 
   motor() {
-    return h('fieldset', { class: 'panel grid' }, h('legend', {}, 'Motor'), this.figure('max_thrust_n', 'Largest static thrust', 'N', 'By a spring balance; may stay empty'),
+    return h('fieldset', { class: 'panel grid' }, h('legend', {}, 'Motor'),
+      this.figure('max_thrust_n', 'Largest static thrust', 'N', 'By a spring balance; may stay empty'),
       this.figure('propeller_m', 'Propeller’s diameter', 'm', 'Only together with the thrust'),
-      this.figure('moving_mass_kg', 'Mass on the thrust sensor', 'kg', 'Motor and propeller, where a sensor measures thrust; only together with the thrust'))
+      this.figure('moving_mass_kg', 'Mass on the thrust sensor', 'kg',
+        'Motor and propeller, where a sensor measures thrust; only together with the thrust'))
   }
 
   places() {
     const place = (name, label) => {
-      const input = h('input', { type: 'text', value: this.form.places[name]?.join(', ') ?? '', placeholder: '0.1, 0.5, 0', input: () => {
-        const values = input.value.split(/[\s,;]+/).filter(Boolean).map(Number)
-        if (!values.length) delete this.form.places[name]
-        else this.form.places[name] = values
-        this.changed()
-      } })
+      const input = h('input',
+        { type: 'text', value: this.form.places[name]?.join(', ') ?? '', placeholder: '0.1, 0.5, 0', input: () => {
+          const values = input.value.split(/[\s,;]+/).filter(Boolean).map(Number)
+          if (!values.length) delete this.form.places[name]
+          else this.form.places[name] = values
+          this.changed()
+        } })
       return field(label, input)
     }
     return h('fieldset', { class: 'panel' }, h('legend', {}, 'Where sensors are'),
-      h('p', {}, 'From the centre of gravity, m: forward, right, down. Empty where there is none, or it sits at the centre of gravity.'),
+      h('p', {}, 'From the centre of gravity, m: forward, right, down. Empty where there is none, or it sits at the '
+        + 'centre of gravity.'),
       h('div', { class: 'grid' }, Object.entries(SENSORS).map(([name, label]) => place(name, label))))
   }
 
@@ -153,10 +168,12 @@ export class Form {
     }
     const place = h('fieldset', { class: 'panel' }, h('legend', {}, 'Bench tables of analogue channels'),
       names.map(name => this.table(name, again)),
-      h('div', { class: 'row' }, CHANNELS.filter(([name]) => !names.includes(name)).map(([name, words]) => h('button', { type: 'button', click: () => {
-        this.form.bench[name] = { source: 'adc0', form: name === 'airspeed' ? 'pitot' : 'linear', unit: { airspeed: 'Pa', thrust: 'gf' }[name] ?? 'deg', points: [] }
-        again()
-      } }, `Add ${words}`))))
+      h('div', { class: 'row' }, CHANNELS.filter(([name]) => !names.includes(name)).map(([name, words]) =>
+        h('button', { type: 'button', click: () => {
+          this.form.bench[name] = { source: 'adc0', form: name === 'airspeed' ? 'pitot' : 'linear',
+            unit: { airspeed: 'Pa', thrust: 'gf' }[name] ?? 'deg', points: [] }
+          again()
+        } }, `Add ${words}`))))
     return place
   }
 
@@ -172,14 +189,18 @@ export class Form {
     const read = h('p', { class: 'hint', role: 'status' })
     const points = h('textarea', { rows: 5, class: 'code', input: () => {
       const lines = points.value.split('\n').filter(line => line.trim())
-      given.points = lines.map(line => line.split(/[\s,;]+/).filter(Boolean).slice(0, 2).map(Number)).filter(row => row.length === 2 && row.every(Number.isFinite))
+      given.points = lines.map(line => line.split(/[\s,;]+/).filter(Boolean).slice(0, 2).map(Number)).filter(row =>
+        row.length === 2 && row.every(Number.isFinite))
       const left = lines.length - given.points.length
-      read.textContent = `${given.points.length} points read${left ? `; ${left} lines left out, which are no two numbers` : ''}`
+      read.textContent = `${given.points.length} points `
+        + `read${left ? `; ${left} lines left out, which are no two numbers` : ''}`
       this.changed()
     } })
     points.value = given.points.map(row => row.join(', ')).join('\n')
-    return h('div', { class: 'control', role: 'group', 'aria-label': name }, h('h3', {}, name), h('div', { class: 'grid' },
-      short('source', 'Channel', 'As adc0'), short('form', 'Curve', 'linear, polynomial:2, spline, pitot'), short('unit', 'Unit of the reference', 'Pa, mmH2O, N, gf, deg, rad')),
+    return h('div', { class: 'control', role: 'group', 'aria-label': name }, h('h3', {}, name),
+      h('div', { class: 'grid' },
+        short('source', 'Channel', 'As adc0'), short('form', 'Curve', 'linear, polynomial:2, spline, pitot'),
+        short('unit', 'Unit of the reference', 'Pa, mmH2O, N, gf, deg, rad')),
     field('Reference and reading, one pair a line', points, 'Paste two columns of a spreadsheet'), read,
     h('button', { type: 'button', click: () => {
       delete this.form.bench[name]

@@ -41,7 +41,8 @@ class Description {
 
   draw() {
     if (!this.form) {
-      this.place.replaceChildren(remark('note', h('p', {}, 'This file holds what the form cannot show; change its text.')))
+      this.place.replaceChildren(remark('note',
+        h('p', {}, 'This file holds what the form cannot show; change its text.')))
       return
     }
     this.place.replaceChildren(...new Form(this.form, () => this.changed()).elements)
@@ -71,7 +72,8 @@ class Description {
     try {
       found = await post('/api/vehicles/check', draft)
     } catch (error) {
-      if (serial === this.asked && !this.signal.aborted) this.follows.replaceChildren(remark('bad', h('p', {}, sentence(error))))
+      if (serial === this.asked && !this.signal.aborted)
+        this.follows.replaceChildren(remark('bad', h('p', {}, sentence(error))))
       return
     }
     if (serial !== this.asked || this.signal.aborted) return
@@ -86,7 +88,8 @@ class Description {
     }
     this.place.inert = this.typed  // what is changed in it meanwhile would be lost
     const begun = !this.form || Boolean(this.form.name || Object.keys(this.form.numbers).length)
-    this.follows.replaceChildren(reading(found, begun), ...(this.typed ? [remark('note', h('p', {}, 'The form waits until the text is a vehicle file again.'))] : []))
+    this.follows.replaceChildren(reading(found, begun),
+      ...(this.typed ? [remark('note', h('p', {}, 'The form waits until the text is a vehicle file again.'))] : []))
   }
 
   async submit(event) {

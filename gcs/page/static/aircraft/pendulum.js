@@ -18,10 +18,11 @@ export function swings(numbers, take) {
   const lengthField = field('Length, m', length, hint.bifilar)
   const spacingField = field('Distance between the wires, m', spacing, 'Half on either side of the centre of gravity')
   const axis = select(AXES, 'Iyy')
-  const way = select([['bifilar', 'hung on two wires, turned about the vertical'], ['swing', 'swung about an axis above it']], 'bifilar', value => {
-    lengthField.querySelector('.hint').textContent = hint[value]
-    spacingField.hidden = value === 'swing'
-  })
+  const way = select([['bifilar', 'hung on two wires, turned about the vertical'],
+    ['swing', 'swung about an axis above it']], 'bifilar', value => {
+      lengthField.querySelector('.hint').textContent = hint[value]
+      spacingField.hidden = value === 'swing'
+    })
   const says = h('p', { role: 'status' })
   const work = async () => {
     says.className = ''
@@ -32,7 +33,8 @@ export function swings(numbers, take) {
         ...(way.value === 'bifilar' ? { spacing_m: Number(spacing.value) } : {}),
         times_s: times.value.split(/[\s,;]+/).filter(Boolean).map(Number),
       })
-      const made = { [`${axis.value}_kgm2`]: Number(found.value.toPrecision(4)), [`${axis.value}_std_kgm2`]: Number(found.std.toPrecision(2)) }
+      const made = { [`${axis.value}_kgm2`]: Number(found.value.toPrecision(4)),
+        [`${axis.value}_std_kgm2`]: Number(found.std.toPrecision(2)) }
       take(made)
       says.textContent = `${axis.value} is ${number(found.value, 4)} ± ${number(found.std, 2)} kg m²`
     } catch (error) {

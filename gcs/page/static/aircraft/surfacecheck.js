@@ -21,13 +21,17 @@ export function surfaceCheck(controls, signal) {
       event: (kind, data) => {
         if (kind !== 'signals') return
         const heard = names.map(name => rows[name].show(data.signals)).filter(Boolean).length
-        says.textContent = heard ? 'Move each stick, and watch: does the surface go where the number says, and by as much?'
+        says.textContent = heard
+          ? 'Move each stick, and watch: does the surface go where the number says, and by as much?'
           : 'The vehicle sends no SERVO_OUTPUT_RAW of these servos.'
       },
     }).catch(error => { says.textContent = error.message })
   }
-  return h('details', { toggle: event => event.target.open && begin() }, h('summary', {}, 'Which way does it go? (with the vehicle switched on)'),
-    remark('note', h('p', {}, 'The sign of a deflection is yours, as long as it stays the same. Usual: elevator and rudder positive with the trailing edge down and left, ailerons with the right one down.')),
+  return h('details', { toggle: event => event.target.open && begin() },
+    h('summary', {}, 'Which way does it go? (with the vehicle switched on)'),
+    remark('note',
+      h('p', {}, 'The sign of a deflection is yours, as long as it stays the same. Usual: elevator and rudder '
+        + 'positive with the trailing edge down and left, ailerons with the right one down.')),
     says, names.map(name => rows[name].element))
 }
 
@@ -45,9 +49,11 @@ class Row {
   show(signals) {
     const pulses = this.servos.map(({ servo }) => signals[`servo${servo}`])
     if (pulses.some(pulse => !Number.isFinite(pulse))) return false
-    const value = this.servos.reduce((sum, servo, index) => sum + servo.mix * along(pulses[index], servo.pwm_us, servo.travel), 0)
+    const value = this.servos.reduce((sum, servo, index) =>
+      sum + servo.mix * along(pulses[index], servo.pwm_us, servo.travel), 0)
     this.bar.value = value
-    this.words.textContent = `${number(value, 3)} ${this.unit} at ${pulses.map(pulse => `${pulse.toFixed(0)} µs`).join(', ')}`
+    this.words.textContent = `${number(value, 3)} ${this.unit} at `
+      + `${pulses.map(pulse => `${pulse.toFixed(0)} µs`).join(', ')}`
     return true
   }
 }

@@ -9,7 +9,9 @@ export class Cursor {
     this.plots = []
     this.time = null
     this.element = h('output', { class: 'cursor', tabindex: 0, 'aria-live': 'off', 'aria-label': 'Values at the cursor',
-      keydown: event => this.key(event) }, 'Point at a plot, or focus this line and press an arrow key, to read values. Drag along one with the mouse to see that stretch alone.')
+      keydown: event => this.key(event) },
+      'Point at a plot, or focus this line and press an arrow key, to read values. Drag along one with the mouse to '
+        + 'see that stretch alone.')
   }
 
   /** plots: of { element, lines: [{ name, unit, time, value }], range }, one for each figure. */
@@ -60,8 +62,12 @@ export class Cursor {
       const box = element.view?.frame.bbox
       const share = (this.time - range.start) / (range.end - range.start)
       line.hidden = !box || share < 0 || share > 1
-      if (box) Object.assign(line.style, { left: `${box.left + share * box.width}px`, top: `${box.top}px`, height: `${box.height}px` })
-      for (const { name, unit, time, value } of lines()) said.push(`${signalName(name)} ${shownValue(value[nearest(time, this.time)])}${unit ? ` ${unit}` : ''}`)
+      if (box) Object.assign(line.style,
+        { left: `${box.left + share * box.width}px`, top: `${box.top}px`, height: `${box.height}px` })
+      for (const { name, unit, time, value } of lines()) {
+        const read = shownValue(value[nearest(time, this.time)])
+        said.push(`${signalName(name)} ${read}${unit ? ` ${unit}` : ''}`)
+      }
     }
     this.element.replaceChildren(h('b', {}, `${this.time.toFixed(3)} s`), ...said.map(text => h('span', {}, text)))
   }

@@ -20,7 +20,8 @@ const WAYS = { spectrum: spectra, spectrogram: spectrograms, xy: againstEachOthe
 /** The plots below each other, over one range of time. */
 export class Drawing {
   /**
-   * query: the address's parameters, which keep stretch and way. begun: called with a job for the stretch that is shown.
+   * query: the address's parameters, which keep stretch and way. begun: called with a job for the stretch that is
+   * shown.
    * regroup: called with which signals stand in which plot when somebody has changed that.
    */
   constructor(summary, query, signal, begun, regroup) {
@@ -39,7 +40,8 @@ export class Drawing {
     this.way = ''
     this.place = h('div', { class: 'plots' })
     this.cursor = new Cursor()
-    this.shaded = h('p', { class: 'hint' }, summary.used.length ? 'Shaded green: the parts that the model was made from.' : '')
+    this.shaded = h('p', { class: 'hint' },
+      summary.used.length ? 'Shaded green: the parts that the model was made from.' : '')
     this.span = h('output', { class: 'span' })
   }
 
@@ -85,16 +87,21 @@ export class Drawing {
 
   /** Draw the signals of one plot in another. */
   join(from, to) {
-    const joined = this.groups.map((group, index) => index === to ? [...group, ...this.groups[from]] : index === from ? [] : group)
-    announce(`${this.groups[from].map(signalName).join(', ')}: drawn with ${this.groups[to].map(signalName).join(', ')}`)
+    const joined = this.groups.map((group, index) =>
+      index === to ? [...group, ...this.groups[from]] : index === from ? [] : group)
+    announce(`${this.groups[from].map(signalName).join(', ')}: drawn with `
+      + `${this.groups[to].map(signalName).join(', ')}`)
     return this.regroup(joined)
   }
 
   /** What can be done with the place of a plot: [words, act] of each. */
   moves(index) {
     const { groups } = this
-    const others = groups.map((group, to) => [`Draw with ${group.map(signalName).join(', ')}`, () => this.join(index, to)]).filter((_, to) => to !== index)
-    const apart = groups[index].length > 1 ? [['Draw each in a plot of its own', () => this.regroup(groups.flatMap((group, at) => at === index ? group.map(name => [name]) : [group]))]] : []
+    const others = groups.map((group, to) =>
+      [`Draw with ${group.map(signalName).join(', ')}`, () => this.join(index, to)]).filter((_, to) => to !== index)
+    const apart = groups[index].length > 1
+      ? [['Draw each in a plot of its own',
+        () => this.regroup(groups.flatMap((group, at) => at === index ? group.map(name => [name]) : [group]))]] : []
     return [...apart, ...others]
   }
 
@@ -107,7 +114,8 @@ export class Drawing {
 
   async length(names) {
     const asked = asking({ names: names.slice(0, 1).join(','), points: POINTS })
-    return names.length ? this.learn((await get(`${this.path}/signals?${asked}`, this.signal)).signals) : { start: 0, end: 0 }
+    return names.length ? this.learn((await get(`${this.path}/signals?${asked}`, this.signal)).signals)
+      : { start: 0, end: 0 }
   }
 
   get path() {
@@ -203,8 +211,10 @@ export class Drawing {
       })
     })
     const across = this.way === 'spectrum' ? 'frequency_Hz' : 'time_s'
-    const head = [across, ...this.names.map(name => `${name} [${this.way === 'spectrum' ? this.found[name].unit : shownUnit(this.found[name].unit)[0]}]`)]
-    const lines = [...rows.keys()].sort((a, b) => a - b).map(at => [at, ...this.names.map((_, i) => rows.get(at)[i] ?? '')].join(','))
+    const head = [across, ...this.names.map(name =>
+      `${name} [${this.way === 'spectrum' ? this.found[name].unit : shownUnit(this.found[name].unit)[0]}]`)]
+    const lines = [...rows.keys()].sort((a, b) => a - b).map(at =>
+      [at, ...this.names.map((_, i) => rows.get(at)[i] ?? '')].join(','))
     hand(new Blob([[head.join(','), ...lines, ''].join('\n')], { type: 'text/csv' }), `${this.summary.id}.csv`)
   }
 
@@ -212,9 +222,11 @@ export class Drawing {
   tableOverTime() {
     const lines = this.names.flatMap(name => {
       const { time, frequency, value } = this.found[name]
-      return time.flatMap((at, column) => frequency.map((hz, row) => [name, at, hz, value[row][column] ?? ''].join(',')))
+      return time.flatMap((at, column) =>
+        frequency.map((hz, row) => [name, at, hz, value[row][column] ?? ''].join(',')))
     })
-    hand(new Blob([['signal,time_s,frequency_Hz,density_dB', ...lines, ''].join('\n')], { type: 'text/csv' }), `${this.summary.id}.csv`)
+    hand(new Blob([['signal,time_s,frequency_Hz,density_dB', ...lines, ''].join('\n')], { type: 'text/csv' }),
+      `${this.summary.id}.csv`)
   }
 
   controls() {

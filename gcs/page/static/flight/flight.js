@@ -64,7 +64,8 @@ export async function flight(page, [id, tab = ''], query, signal) {
 function deletion(path, name) {
   const words = remark('bad')
   const button = h('button', { click: async event => {
-    if (!confirm(say(`Delete flight ${name} with its recording, models and results? For a day it can be taken back.`))) return
+    if (!confirm(say(`Delete flight ${name} with its recording, models and results? For a day it can be taken back.`)))
+      return
     event.target.disabled = true
     try {
       await remove(path)
@@ -83,7 +84,8 @@ function deletion(path, name) {
 function flown(summary) {
   const received = summary.duration_s
   const own = summary.vehicle_duration_s ?? received
-  return Math.abs(own - received) <= Math.max(0.05 * received, 1) ? duration(own) : `${duration(own)} by the vehicle’s clock, received in ${duration(received)}`
+  return Math.abs(own - received) <= Math.max(0.05 * received, 1) ? duration(own)
+    : `${duration(own)} by the vehicle’s clock, received in ${duration(received)}`
 }
 
 function facts(summary, path) {
@@ -98,16 +100,21 @@ function facts(summary, path) {
   }
   const parts = Array.from({ length: summary.parts }, (_, index) => download(
     `${path}/recording?part=${index + 1}`, `${summary.id}${summary.parts > 1 ? `-${index + 1}` : ''}.mcap`,
-    summary.parts > 1 ? `Recording, part ${index + 1} of ${summary.parts}` : `Recording (MCAP, ${size(summary.bytes)})`))
+    summary.parts > 1 ? `Recording, part ${index + 1} of ${summary.parts}`
+      : `Recording (MCAP, ${size(summary.bytes)})`))
   return [
     h('dl', { class: 'facts' }, Object.entries(entries).map(([term, text]) =>
       h('div', {}, h('dt', {}, term), h('dd', {}, text)))),
     summary.damage.length ? remark('bad', h('h2', {}, 'Damage'), listing(summary.damage)) : null,
     summary.warnings.length ? remark('note', h('h2', {}, 'Warnings'), listing(summary.warnings)) : null,
-    summary.ground.length ? h('p', {}, 'Recorded on the ground behind it: ', summary.ground.map((one, index) => [index ? ', ' : '',
-      h('a', { href: `#/flights/${encodeURIComponent(one.id)}` }, `${duration(one.duration_s)} from ${utc(one.start)}`)])) : null,
-    summary.follows ? h('p', {}, 'Recorded on the ground behind ', h('a', { href: `#/flights/${encodeURIComponent(summary.follows)}` }, summary.follows), '.') : null,
-    summary.recording_deleted ? remark('note', h('p', {}, `The recording was deleted on ${utc(summary.recording_deleted)} to make room; its results are kept.`))
+    summary.ground.length
+      ? h('p', {}, 'Recorded on the ground behind it: ', summary.ground.map((one, index) => [index ? ', ' : '',
+        h('a', { href: `#/flights/${encodeURIComponent(one.id)}` },
+          `${duration(one.duration_s)} from ${utc(one.start)}`)])) : null,
+    summary.follows ? h('p', {}, 'Recorded on the ground behind ',
+      h('a', { href: `#/flights/${encodeURIComponent(summary.follows)}` }, summary.follows), '.') : null,
+    summary.recording_deleted ? remark('note',
+      h('p', {}, `The recording was deleted on ${utc(summary.recording_deleted)} to make room; its results are kept.`))
       : h('p', { class: 'row' }, parts),
   ].filter(Boolean)
 }

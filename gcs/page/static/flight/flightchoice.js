@@ -10,7 +10,9 @@ const PAUSE_MS = 250
 /** How a flight is called in lists. */
 export const flightTitle = flight => flight.title || (flight.source === 'upload' ? flight.name : flight.id)
 
-/** The newest flights that match: { flights, next }; next says that there are more. wanted: as GET /api/flights has it. */
+/**
+ * The newest flights that match: { flights, next }; next says that there are more. wanted: as GET /api/flights has it.
+ */
 export const findFlights = (wanted, signal) => get(`/api/flights?${asking({ limit: SHOWN, ...wanted })}`, signal)
 
 /** A field that looks for flights while one types; take: called with what findFlights gives, and the words. */

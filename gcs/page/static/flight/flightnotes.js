@@ -3,7 +3,8 @@
 import { get, patch, sentence } from '../shared/api.js'
 import { field, h, remark, select } from '../shared/dom.js'
 
-const VERDICTS = { good: ['good', 'good for identification'], care: ['note', 'usable with care'], poor: ['bad', 'too poor'] }
+const VERDICTS = { good: ['good', 'good for identification'], care: ['note', 'usable with care'],
+  poor: ['bad', 'too poor'] }
 
 /** The verdict of the newest identification, or how far it is, in one line; nothing where there is neither. */
 export function outcomeLine({ outcome }) {
@@ -23,8 +24,10 @@ export function outcomeWords({ outcome, state, recording_deleted }) {
   if (outcome.state === 'queued') return 'waits to be identified'
   if (outcome.state === 'running') return 'is being identified'
   const verdict = VERDICTS[outcome.verdict]?.[1]
-  const made = verdict ? `model ${verdict}` : { failed: 'no model could be made', skipped: 'nothing airborne in it' }[outcome.state] ?? 'not identified yet'
-  return [made, state === 'recovered' && 'recovered after a crash', recording_deleted && 'recording deleted to make room'].filter(Boolean).join('; ')
+  const made = verdict ? `model ${verdict}`
+    : { failed: 'no model could be made', skipped: 'nothing airborne in it' }[outcome.state] ?? 'not identified yet'
+  return [made, state === 'recovered' && 'recovered after a crash',
+    recording_deleted && 'recording deleted to make room'].filter(Boolean).join('; ')
 }
 
 /** Name, comment, tags and aircraft of a flight, each kept as soon as it is changed. done: called when one was. */
@@ -42,19 +45,25 @@ export async function flightNotes(summary, path, signal, done) {
       says.textContent = sentence(error)
     }
   }
-  const title = h('input', { type: 'text', maxlength: 200, value: summary.title, change: () => keep({ title: title.value.trim() }) })
+  const title = h('input',
+    { type: 'text', maxlength: 200, value: summary.title, change: () => keep({ title: title.value.trim() }) })
   const comment = h('textarea', { rows: 3, maxlength: 20000, change: () => keep({ comment: comment.value }) })
   comment.value = summary.comment
-  const tags = h('input', { type: 'text', value: summary.tags.join(', '), change: () => keep({ tags: tags.value.split(',').map(tag => tag.trim()).filter(Boolean) }) })
+  const tags = h('input', { type: 'text', value: summary.tags.join(', '),
+    change: () => keep({ tags: tags.value.split(',').map(tag => tag.trim()).filter(Boolean) }) })
   const { aircraft } = summary
   const itself = aircraft.id && !aircraft.by_hand ? aircraft.name : 'the station chooses'
-  const why = aircraft.by_hand || aircraft.problem ? 'What it is identified with' : `${aircraft.why[0].toUpperCase()}${aircraft.why.slice(1)}`
+  const why = aircraft.by_hand || aircraft.problem ? 'What it is identified with'
+    : `${aircraft.why[0].toUpperCase()}${aircraft.why.slice(1)}`
   const choices = [['', `${itself} (by itself)`], ...known.map(one => [one.id, one.name])]
-  if (aircraft.by_hand && !known.some(one => one.id === aircraft.id)) choices.push([aircraft.id, `${aircraft.name} (deleted)`])
+  if (aircraft.by_hand && !known.some(one => one.id === aircraft.id))
+    choices.push([aircraft.id, `${aircraft.name} (deleted)`])
   const vehicle = select(choices, aircraft.by_hand ? aircraft.id : '', value => keep({ vehicle: value }))
   return h('section', { class: 'notes', 'aria-label': 'About this flight' },
-    aircraft.problem ? remark('note', h('p', {}, `Aircraft: ${aircraft.problem}. `), h('p', {}, h('a', { class: 'button', href: '#/aircraft/new' }, 'Describe an aircraft'))) : null,
+    aircraft.problem ? remark('note', h('p', {}, `Aircraft: ${aircraft.problem}. `),
+      h('p', {}, h('a', { class: 'button', href: '#/aircraft/new' }, 'Describe an aircraft'))) : null,
     h('div', { class: 'grid' }, field('Aircraft', vehicle, why), field('Name of the flight', title),
       field('Tags', tags, 'With commas between: calm, pulses')),
-    h('details', { open: Boolean(summary.comment) }, h('summary', {}, 'Comment'), field('Comment', comment, 'Weather, what was changed, who flew')), says)
+    h('details', { open: Boolean(summary.comment) }, h('summary', {}, 'Comment'),
+      field('Comment', comment, 'Weather, what was changed, who flew')), says)
 }

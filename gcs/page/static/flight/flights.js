@@ -16,16 +16,19 @@ const PAUSE_MS = 250
 function row(flight) {
   const box = h('input', { type: 'checkbox', value: flight.id, 'aria-label': `Choose ${flightTitle(flight)}` })
   return [
-    [box, h('a', { href: `#/flights/${encodeURIComponent(flight.id)}`, class: flight.source === 'upload' || flight.title ? null : 'whole', translate: 'no' },
+    [box, h('a', { href: `#/flights/${encodeURIComponent(flight.id)}`,
+      class: flight.source === 'upload' || flight.title ? null : 'whole', translate: 'no' },
       flightTitle(flight)), flight.tags.map(tag => [' ', h('span', { class: 'tag', translate: 'no' }, tag)])],
-    utc(flight.start), duration(flight.vehicle_duration_s ?? flight.duration_s), sparkline(flight.outline), outcomeWords(flight), String(flight.system ?? '–'), size(flight.bytes),
+    utc(flight.start), duration(flight.vehicle_duration_s ?? flight.duration_s), sparkline(flight.outline),
+    outcomeWords(flight), String(flight.system ?? '–'), size(flight.bytes),
   ]
 }
 
 /** The view of all flights. */
 export async function flights(page, parts, query, signal) {
   const list = h('div', { 'aria-live': 'off' })
-  const wanted = Object.fromEntries(['search', 'since', 'until', 'vehicle', 'after'].map(name => [name, query.get(name) ?? '']))
+  const wanted = Object.fromEntries(['search', 'since', 'until', 'vehicle', 'after'].map(name =>
+    [name, query.get(name) ?? '']))
   let asked = 0
   const show = async () => {
     const number = ++asked
@@ -57,7 +60,8 @@ function filters(wanted, aircraft, show, signal) {
       show().catch(error => signal.aborted || announce(error.message, true))
     }, pause)
   }
-  const words = h('input', { type: 'search', autocomplete: 'off', maxlength: 200, value: wanted.search, input: () => changed('search', words.value, PAUSE_MS) })
+  const words = h('input', { type: 'search', autocomplete: 'off', maxlength: 200, value: wanted.search,
+    input: () => changed('search', words.value, PAUSE_MS) })
   const day = name => {
     const input = h('input', { type: 'date', value: wanted[name], change: () => changed(name, input.value) })
     return input
@@ -66,7 +70,8 @@ function filters(wanted, aircraft, show, signal) {
   if (wanted.vehicle && !aircraft.some(one => one.id === wanted.vehicle)) choices.push([wanted.vehicle, wanted.vehicle])
   return h('div', { class: 'grid', role: 'search', 'aria-label': 'Flights' },
     field('Find a flight', words, 'A part of its name, comment, tags, aircraft or date'),
-    h('details', { open: Boolean(wanted.vehicle || wanted.since || wanted.until) }, h('summary', {}, 'By aircraft and day'),
+    h('details', { open: Boolean(wanted.vehicle || wanted.since || wanted.until) },
+      h('summary', {}, 'By aircraft and day'),
       aircraft.length ? field('Aircraft', select(choices, wanted.vehicle, value => changed('vehicle', value))) : '',
       field('From day (UTC)', day('since')), field('To day (UTC)', day('until'))))
 }
@@ -75,16 +80,17 @@ function filters(wanted, aircraft, show, signal) {
 function bin(found, show) {
   const words = h('p', { role: 'status' })
   const row = one => {
-    const item = h('li', {}, `${flightTitle(one)} `, h('button', { 'aria-label': `Take back ${flightTitle(one)}`, click: async () => {
-      try {
-        await post(`/api/flights/${encodeURIComponent(one.id)}/restore`, {})
-        item.remove()
-        words.textContent = `${flightTitle(one)} is in the list again.`
-        await show()
-      } catch (error) {
-        words.textContent = sentence(error)
-      }
-    } }, 'Take back'))
+    const item = h('li', {}, `${flightTitle(one)} `,
+      h('button', { 'aria-label': `Take back ${flightTitle(one)}`, click: async () => {
+        try {
+          await post(`/api/flights/${encodeURIComponent(one.id)}/restore`, {})
+          item.remove()
+          words.textContent = `${flightTitle(one)} is in the list again.`
+          await show()
+        } catch (error) {
+          words.textContent = sentence(error)
+        }
+      } }, 'Take back'))
     return item
   }
   return h('details', {}, h('summary', {}, `Deleted in the last day (${found.length})`),
@@ -97,7 +103,8 @@ function content(found, wanted) {
   }
   if (!found.flights.length) {
     return [remark('note', h('p', {}, 'There is no flight yet. Start the vehicle: what it sends is recorded by itself, '
-      + 'and the flight stands here. Or upload a log on this page.'), h('p', {}, h('a', { href: '#/live' }, 'See the links')))]
+      + 'and the flight stands here. Or upload a log on this page.'),
+      h('p', {}, h('a', { href: '#/live' }, 'See the links')))]
   }
   const head = ['Flight', 'Start (UTC)', 'Duration', 'Height', 'Result', 'System', 'Size']
   return [
@@ -136,8 +143,10 @@ function together() {
     says.replaceChildren(`${words.done}: ${done} of ${boxes.length}.`, ...refused.map(text => remark('bad', text)))
   }
   return h('div', {}, h('p', { class: 'row' },
-    h('button', { click: each({ done: 'Identifications queued' }, id => post(`/api/flights/${encodeURIComponent(id)}/jobs`, { kind: 'identify' })) }, 'Identify those chosen'),
-    h('button', { click: each({ ask: 'Delete', done: 'Deleted (for a day they can be taken back)' }, id => remove(`/api/flights/${encodeURIComponent(id)}`)) }, 'Delete those chosen')), says)
+    h('button', { click: each({ done: 'Identifications queued' },
+      id => post(`/api/flights/${encodeURIComponent(id)}/jobs`, { kind: 'identify' })) }, 'Identify those chosen'),
+    h('button', { click: each({ ask: 'Delete', done: 'Deleted (for a day they can be taken back)' },
+      id => remove(`/api/flights/${encodeURIComponent(id)}`)) }, 'Delete those chosen')), says)
 }
 
 // Files whose columns may need words, and what these look like.
@@ -145,13 +154,16 @@ const TABLES = /\.(csv|tsv|txt|parquet|mat|db3|bag|mcap)$/i
 const MAPPING = '[columns]\nalpha = "AoA probe"\naz = { "Nz" = -1.0 }\n\n[units]\nalpha = "deg"\naz = "g"'
 
 function uploadForm(done, signal) {
-  const input = h('input', { type: 'file', accept: '.mcap,.tlog,.bin,.ulg,.csv,.tsv,.txt,.parquet,.mat,.db3,.bag', required: true })
+  const input = h('input',
+    { type: 'file', accept: '.mcap,.tlog,.bin,.ulg,.csv,.tsv,.txt,.parquet,.mat,.db3,.bag', required: true })
   const bar = h('progress', { max: 1, value: 0, 'aria-label': 'Upload' })
   const words = h('p', { role: 'status' })
   const button = h('button', { class: 'main' }, 'Upload')
   const columns = h('textarea', { rows: 8, cols: 60, spellcheck: 'false', placeholder: MAPPING })
   const mapping = h('details', { hidden: true }, h('summary', {}, 'What its columns are'),
-    field('Columns and units (TOML)', columns, 'Only where the headers do not say it: signal = header, and the units of signals or headers. Names and units: docs/howto/tables.md'))
+    field('Columns and units (TOML)', columns,
+      'Only where the headers do not say it: signal = header, and the units of signals or headers. Names and units: '
+        + 'docs/howto/tables.md'))
   input.addEventListener('change', () => { mapping.hidden = !TABLES.test(input.files?.[0]?.name ?? '') })
   const send = async event => {
     event.preventDefault()
@@ -181,5 +193,7 @@ function uploadForm(done, signal) {
     }
   }
   return h('form', { class: 'panel', submit: send },
-    field('Upload a log', input, 'A recording (.mcap), a .tlog, an ArduPilot .bin, a PX4 .ulg, a table (.csv, .parquet, .mat) or a ROS bag'), mapping, button, words)
+    field('Upload a log', input,
+      'A recording (.mcap), a .tlog, an ArduPilot .bin, a PX4 .ulg, a table (.csv, .parquet, .mat) or a ROS bag'),
+      mapping, button, words)
 }

@@ -13,7 +13,10 @@ const STATES = { queued: 'waits for its turn', running: 'runs', done: 'done', fa
   cancelled: 'cancelled' }
 const EVERY_MS = 1000
 
-/** The section of jobs of a flight; resolves to what puts a further job into its list. over: called behind each job that ends. */
+/**
+ * The section of jobs of a flight; resolves to what puts a further job into its list. over: called behind each job that
+ * ends.
+ */
 export async function jobs(page, summary, signal, over) {
   const [models, others] = await Promise.all([
     get('/api/models', signal), findFlights({}, signal),
@@ -88,19 +91,23 @@ const named = models => models.map(model => [model.id, modelTitle(model, true)])
 
 function identifyForm(validate, models, start) {
   const method = select([['auto', 'chosen by the flight'],
-    ['map', 'output error with an estimated noise spectrum'], ['ee', 'equation error'], ['oe', 'output error'], ['fe', 'filter error']], 'auto')
+    ['map', 'output error with an estimated noise spectrum'], ['ee', 'equation error'], ['oe', 'output error'],
+    ['fe', 'filter error']], 'auto')
   const prior = select([['', 'none'], ...named(models)], '')
   const [from, to] = [0, 1].map(() => h('input', { type: 'number', min: 0, step: 'any' }))
   const right = h('input', { type: 'text', autocomplete: 'off', spellcheck: false })
   return form('Identify the model', 'Estimates sensor errors and coefficients from this flight.', 'Identify', [
     validate.element,
     h('details', {}, h('summary', {}, 'More settings'), field('Method', method),
-      field('Prior model', prior), field('From, s', from, 'Empty: the airborne, excited parts are found'), field('To, s', to),
-      field('Signals that are right as recorded', right, 'As q, az: whatever seems wrong with them, they are not changed')),
+      field('Prior model', prior), field('From, s', from, 'Empty: the airborne, excited parts are found'),
+      field('To, s', to),
+      field('Signals that are right as recorded', right,
+        'As q, az: whatever seems wrong with them, they are not changed')),
   ], async () => {
     if (to.value && Number(to.value) <= Number(from.value)) throw new Error('“To” must be later than “From”')
     return start({
-      kind: 'identify', method: method.value, validate: validate.chosen(), ...(prior.value ? { prior: prior.value } : {}),
+      kind: 'identify', method: method.value, validate: validate.chosen(),
+      ...(prior.value ? { prior: prior.value } : {}),
       ...(from.value ? { from: Number(from.value) } : {}), ...(to.value ? { to: Number(to.value) } : {}),
       as_recorded: right.value.split(/[\s,]+/).filter(Boolean),
     })
@@ -121,7 +128,8 @@ function discrepancyForm(validate, models, start) {
       h('details', {}, h('summary', {}, 'More settings'), field('Ruled out on the ground', ruledOut,
         'Effects that weighing or a test on the bench has shown not to be there, with commas between')),
     ], async () => {
-      if (!choice.value && !own.files.length) throw new Error('choose a model file first, or identify one from a flight')
+      if (!choice.value && !own.files.length)
+        throw new Error('choose a model file first, or identify one from a flight')
       const model = choice.value || await readModel(own.files[0])
       const cleared = ruledOut.value.split(',').map(name => name.trim()).filter(Boolean)
       return start({ kind: 'discrepancy', model, validate: validate.chosen(), rule_out: cleared })
@@ -136,25 +144,29 @@ async function readModel(file) {
   }
 }
 
-/** One job in the list; it follows the job until that is over. add: puts a further job into the list. over: called then. */
+/**
+ * One job in the list; it follows the job until that is over. add: puts a further job into the list. over: called then.
+ */
 function item(job, signal, add, over) {
   const element = h('li', {})
   const problem = remark('bad')
   // A button that acts on the job: what it does, and what is to be done with the answer.
-  const action = (text, act) => h('button', { 'aria-label': `${text}: ${KINDS[job.kind].toLowerCase()} of ${started(job)}`,
-    click: async event => {
-      event.target.disabled = true
-      try {
-        await act()
-      } catch (error) {
-        problem.replaceChildren(sentence(error))
-        element.append(problem)
-        event.target.disabled = false
-      }
-    } }, text)
+  const action = (text, act) =>
+    h('button', { 'aria-label': `${text}: ${KINDS[job.kind].toLowerCase()} of ${started(job)}`,
+      click: async event => {
+        event.target.disabled = true
+        try {
+          await act()
+        } catch (error) {
+          problem.replaceChildren(sentence(error))
+          element.append(problem)
+          event.target.disabled = false
+        }
+      } }, text)
   const path = `/api/jobs/${job.id}`
   const actions = () => h('p', { class: 'row' }, running(job)
-    ? action('Cancel', async () => { job = await post(`${path}/cancel`, {}); show(); announce(`${KINDS[job.kind]} cancelled`) })
+    ? action('Cancel',
+      async () => { job = await post(`${path}/cancel`, {}); show(); announce(`${KINDS[job.kind]} cancelled`) })
     // Once more with what the flight's aircraft is now, not with the version that the first job used.
     : [action('Run again', async () => { add(await post(`${path}/rerun`, { vehicle: null })); show() }),
       action('Delete', async () => { await remove(path); element.remove(); announce(`${KINDS[job.kind]} deleted`) })])
@@ -191,7 +203,8 @@ function contents(job) {
   const title = `${KINDS[job.kind]}, ${STATES[job.state]}`
   return [
     h('p', {}, h('strong', {}, title), ` (${started(job)}${by(job)})`),
-    running(job) && h('progress', { max: 1, value: job.progress, 'aria-label': `${title}: ${Math.round(100 * job.progress)} %` }),
+    running(job)
+      && h('progress', { max: 1, value: job.progress, 'aria-label': `${title}: ${Math.round(100 * job.progress)} %` }),
     running(job) && h('p', {}, `${Math.round(100 * job.progress)} %: ${job.log.at(-1) ?? 'waiting'}`),
     job.error && remark('bad', h('p', {}, job.error)),
     job.state === 'skipped' && h('p', {}, job.log.at(-1) ?? ''),

@@ -1,4 +1,5 @@
-// Named choices of signals and of how they are drawn, kept in this browser; the address alone shows one to somebody else.
+// Named choices of signals and of how they are drawn, kept in this browser; the address alone shows one to somebody
+// else.
 
 import { announce } from '../shared/announce.js'
 import { h, select } from '../shared/dom.js'
@@ -19,7 +20,8 @@ function known() {
 /** A choice of layouts, and buttons that keep the present one and forget one. query: the parameters of the address. */
 export function layouts(query) {
   const place = h('span', { class: 'row' })
-  const present = () => String(new URLSearchParams(KEPT.filter(key => query.get(key)).map(key => [key, query.get(key)])))
+  const present = () =>
+    String(new URLSearchParams(KEPT.filter(key => query.get(key)).map(key => [key, query.get(key)])))
   const write = (all, words, chosen = '') => {
     try {
       localStorage.setItem(KEY, JSON.stringify(all))
@@ -42,7 +44,8 @@ export function layouts(query) {
   const ask = event => {
     const input = h('input', { type: 'text', maxlength: 60, placeholder: 'its name', 'aria-label': 'Name of the layout',
       keydown: one => one.key === 'Enter' && keep(input.value.trim()) })
-    event.target.replaceWith(input, h('button', { type: 'button', class: 'small', click: () => keep(input.value.trim()) }, 'Keep it'))
+    event.target.replaceWith(input,
+      h('button', { type: 'button', class: 'small', click: () => keep(input.value.trim()) }, 'Keep it'))
     input.focus()
   }
   const forget = () => {
@@ -58,7 +61,8 @@ export function layouts(query) {
     // What is drawn may have been changed by hand since: the same one can be taken again.
     choice.addEventListener('click', () => known()[choice.value] !== present() && (choice.value = ''))
     choice.setAttribute('aria-label', 'Layout')
-    place.replaceChildren(...(names.length ? [choice] : []), h('button', { type: 'button', class: 'small', click: ask }, 'Keep as a layout'),
+    place.replaceChildren(...(names.length ? [choice] : []),
+      h('button', { type: 'button', class: 'small', click: ask }, 'Keep as a layout'),
       ...(names.length ? [h('button', { type: 'button', class: 'small', click: forget }, 'Forget it')] : []))
   }
   show(Object.entries(known()).find(([, wanted]) => wanted === present())?.[0] ?? '')

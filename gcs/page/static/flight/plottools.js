@@ -10,7 +10,9 @@ let dragged = null
 
 /** Buttons behind a plot. name: of its picture's file. moves: [words, act] of what can be done with its place. */
 export const tools = (element, name, moves) => h('details', { class: 'tools' }, h('summary', {}, 'Picture and place'),
-  h('p', { class: 'row' }, ['png', 'svg'].map(kind => h('button', { type: 'button', class: 'small', click: () => keep(element, name, kind) }, `Picture (${kind.toUpperCase()})`)),
+  h('p', { class: 'row' }, ['png', 'svg'].map(kind =>
+    h('button', { type: 'button', class: 'small', click: () => keep(element, name, kind) },
+      `Picture (${kind.toUpperCase()})`)),
     moves.map(([words, act]) => h('button', { type: 'button', class: 'small', click: act }, words))))
 
 async function keep(element, name, kind) {

@@ -29,9 +29,12 @@ export function sharing(path) {
       try {
         const made = await post(`${path}/share`, { days: Number(days.value) })
         const address = h('input', { type: 'text', readonly: true, value: new URL(made.path, location.href).href })
-        says.replaceChildren(field('Link', address, `Whoever has it sees this flight alone, until ${utc(new Date(1000 * made.expires).toISOString())}.`),
+        says.replaceChildren(field('Link', address,
+          `Whoever has it sees this flight alone, until ${utc(new Date(1000 * made.expires).toISOString())}.`),
           ...(['localhost', '127.0.0.1', '[::1]'].includes(location.hostname)
-            ? [remark('note', 'This link works on this device alone. Open this page by the address of the station in the network, and make it there.')] : []))
+            ? [remark('note',
+              'This link works on this device alone. Open this page by the address of the station in the network, and '
+                + 'make it there.')] : []))
         address.select()
       } catch (error) {
         says.replaceChildren(remark('bad', sentence(error)))

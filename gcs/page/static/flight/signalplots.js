@@ -11,7 +11,8 @@ const DEEPEST_DB = 60  // below the strongest
 const STILL_DB = -200  // what rounding leaves of a signal that stands still
 
 /**
- * Plots over time, below each other; the signals of one plot that have another unit than its first go by an axis on the right.
+ * Plots over time, below each other; the signals of one plot that have another unit than its first go by an axis on the
+ * right.
  * groups: the names of each plot. found: series by name. used, modes: parts that were identified, shaded, and
  * of the autopilot's modes, which begin at dotted lines.
  * moved: called with the range of a plot that was zoomed in.
@@ -22,22 +23,26 @@ export async function overTime(groups, found, range, { used, modes }, moved, sig
   for (const group of groups) {
     const own = new Bokeh.Range1d(range)
     const units = [...new Set(group.map(name => shownUnit(found[name].unit)[0]))]
-    const figure = await plot({ x: 'time, s', y: units[0], xRange: own, height: group.length > 1 ? 300 : 200, select: true })
+    const figure = await plot({ x: 'time, s', y: units[0], xRange: own, height: group.length > 1 ? 300 : 200,
+      select: true })
     /** @type {Record<string, { name: string, range: any } | null>} by unit; null is the plot's own axis */
     const axes = { [units[0]]: null }
     for (const unit of units.slice(1)) axes[unit] = await furtherAxis(figure, unit)
     for (const { start, end } of used) {
-      figure.add_layout(new Bokeh.BoxAnnotation({ left: start, right: end, fill_color: GREEN_BAND, fill_alpha: 0.25, line_color: null, level: 'underlay' }))
+      figure.add_layout(new Bokeh.BoxAnnotation({ left: start, right: end, fill_color: GREEN_BAND, fill_alpha: 0.25,
+        line_color: null, level: 'underlay' }))
     }
     for (const { start } of modes.slice(1, MOST_MODES)) {
-      figure.add_layout(new Bokeh.Span({ location: start, dimension: 'height', line_color: '#6a1b9a', line_dash: 'dotted', line_width: 2 }))
+      figure.add_layout(new Bokeh.Span({ location: start, dimension: 'height', line_color: '#6a1b9a',
+        line_dash: 'dotted', line_width: 2 }))
     }
     const kept = {}
     const ofFirst = []
     for (const [index, name] of group.entries()) {
       const [unit, factor] = shownUnit(found[name].unit)
       kept[name] = await source(columns(found[name], factor))
-      const drawn = line(figure, kept[name], 'x', 'y', index, group.length > 1 ? named(name, units.length > 1 ? unit : '') : null, 2.5, axes[unit])
+      const drawn = line(figure, kept[name], 'x', 'y', index,
+        group.length > 1 ? named(name, units.length > 1 ? unit : '') : null, 2.5, axes[unit])
       const further = axes[unit]
       if (further) further.range.renderers = [...further.range.renderers, drawn]
       else ofFirst.push(drawn)
@@ -47,9 +52,12 @@ export async function overTime(groups, found, range, { used, modes }, moved, sig
     if (group.length > 1) legendAbove(figure)
     const words = series => group.map(name => caption(name, series[name])).join('. ')
     const element = await shown(figure, words(found), signal)
-    element.prepend(h('h3', {}, `${group.map(name => units.length > 1 ? named(name, shownUnit(found[name].unit)[0]) : signalName(name)).join(', ')}${units.length === 1 && units[0] ? `, ${units[0]}` : ''}`))
+    element.prepend(h('h3', {},
+      `${group.map(name => units.length > 1 ? named(name, shownUnit(found[name].unit)[0]) : signalName(name))
+        .join(', ')}${units.length === 1 && units[0] ? `, ${units[0]}` : ''}`))
     own.change.connect(() => moved(own))
-    const lines = () => group.map(name => ({ name, unit: shownUnit(found[name].unit)[0], time: kept[name].data.x, value: kept[name].data.y }))
+    const lines = () => group.map(name =>
+      ({ name, unit: shownUnit(found[name].unit)[0], time: kept[name].data.x, value: kept[name].data.y }))
     const take = series => {
       for (const name of group) kept[name].data = columns(series[name], shownUnit(found[name].unit)[1])
       element.say(words(series))
@@ -70,14 +78,18 @@ export async function againstEachOther(names, found, signal) {
     const figure = await plot({ x: named(first, acrossUnit), y: named(name, unit), height: 360 })
     const data = await source(gaps({
       x: found[first].value.map(v => v === null ? null : v * across),
-      y: found[first].time.map(at => time.length && value[nearest(time, at)] !== null ? value[nearest(time, at)] * factor : null),
+      y: found[first].time.map(at =>
+        time.length && value[nearest(time, at)] !== null ? value[nearest(time, at)] * factor : null),
     }))
-    figure.scatter({ field: 'x' }, { field: 'y' }, { source: data, size: 3, line_color: null, fill_color: '#0b4fc4', fill_alpha: 0.5 })
-    const element = await shown(figure, `${signalName(name)} against ${signalName(first)}, ${found[first].time.length} moments`, signal)
+    figure.scatter({ field: 'x' }, { field: 'y' },
+      { source: data, size: 3, line_color: null, fill_color: '#0b4fc4', fill_alpha: 0.5 })
+    const element = await shown(figure,
+      `${signalName(name)} against ${signalName(first)}, ${found[first].time.length} moments`, signal)
     element.prepend(h('h3', {}, `${signalName(name)} against ${signalName(first)}`))
     made.push({ element, names: [first, name] })
   }
-  return made.length ? made : [{ element: h('figure', {}, h('p', {}, 'Choose a second signal: it is drawn against the first one.')), names: [first] }]
+  return made.length ? made : [{ element: h('figure', {},
+    h('p', {}, 'Choose a second signal: it is drawn against the first one.')), names: [first] }]
 }
 
 /** Power spectral densities over frequency, both axes logarithmic. */
@@ -90,8 +102,9 @@ export async function spectra(names, found, signal) {
     const figure = await plot({ x: 'frequency, Hz', y: unit, height: 260, xLog: true, yLog: true })
     line(figure, await source({ x: frequency, y: value.map(v => v * factor ** 2 || null) }), 'x', 'y', 0)
     const strongest = frequency[value.indexOf(Math.max(...value))]
-    const element = await shown(figure, frequency.length ? `Power spectral density of ${signalName(name)}; strongest at ${number(strongest)} Hz`
-      : `${signalName(name)}: too few values in this stretch for a spectrum`, signal)
+    const element = await shown(figure,
+      frequency.length ? `Power spectral density of ${signalName(name)}; strongest at ${number(strongest)} Hz`
+        : `${signalName(name)}: too few values in this stretch for a spectrum`, signal)
     element.prepend(h('h3', {}, `${signalName(name)}, ${unit}`))
     made.push({ element, names: [name] })
   }
@@ -111,21 +124,30 @@ export async function spectrograms(names, found, signal) {
     const most = levels.reduce((a, b) => Math.max(a, b), -Infinity)
     if (most < STILL_DB) {
       const why = time.length ? 'does not change in this stretch' : 'too few values in this stretch for spectra'
-      made.push({ element: h('figure', {}, heading, h('figcaption', {}, `${signalName(name)}: ${why}`)), names: [name] })
+      made.push({ element: h('figure', {}, heading, h('figcaption', {}, `${signalName(name)}: ${why}`)),
+        names: [name] })
       continue
     }
     const [step, width] = [frequency[1] - frequency[0], time.length > 1 ? time[1] - time[0] : 1]
     const [left, right] = [time[0] - width / 2, time.at(-1) + width / 2]
     const [low, high] = [Math.max(frequency[0] - step / 2, 0), frequency.at(-1) + step / 2]
-    const mapper = new Bokeh.LinearColorMapper({ palette: Bokeh.Palettes.Viridis256, low: Math.max(levels.reduce((a, b) => Math.min(a, b), Infinity), most - DEEPEST_DB), high: most, nan_color: '#fff' })
-    const figure = await plot({ x: 'time, s', y: 'frequency, Hz', height: 300, yRange: [low, high], xRange: new Bokeh.Range1d({ start: left, end: right }) })
+    const mapper = new Bokeh.LinearColorMapper({ palette: Bokeh.Palettes.Viridis256,
+      low: Math.max(levels.reduce((a, b) => Math.min(a, b), Infinity), most - DEEPEST_DB), high: most,
+      nan_color: '#fff' })
+    const figure = await plot({ x: 'time, s', y: 'frequency, Hz', height: 300, yRange: [low, high],
+      xRange: new Bokeh.Range1d({ start: left, end: right }) })
     const image = { shape: [frequency.length, time.length], dtype: 'float64' }
     const pixels = Bokeh.require('core/util/ndarray').ndarray(Float64Array.from(value.flat(), one => one ?? NaN), image)
     const data = new Bokeh.ColumnDataSource({ data: { image: [pixels] } })
-    figure.image(mapper, { field: 'image' }, { value: left }, { value: low }, { value: right - left }, { value: high - low }, { source: data })
-    figure.add_layout(new Bokeh.ColorBar({ color_mapper: mapper, title: 'dB', width: 14, padding: 4, major_label_text_font_size: '13px', major_label_text_color: '#000', title_text_color: '#000' }), 'right')
-    const strongest = value.map((row, at) => [row.reduce((a, b) => Math.max(a, b ?? -Infinity), -Infinity), frequency[at]]).reduce((a, b) => b[0] > a[0] ? b : a)
-    const element = await shown(figure, `Power spectral density of ${signalName(name)} over time; strongest at ${number(strongest[1])} Hz with ${number(strongest[0])} dB`, signal)
+    figure.image(mapper, { field: 'image' }, { value: left }, { value: low }, { value: right - left },
+      { value: high - low }, { source: data })
+    figure.add_layout(new Bokeh.ColorBar({ color_mapper: mapper, title: 'dB', width: 14, padding: 4,
+      major_label_text_font_size: '13px', major_label_text_color: '#000', title_text_color: '#000' }), 'right')
+    const peaks = value.map((row, at) => [row.reduce((a, b) => Math.max(a, b ?? -Infinity), -Infinity), frequency[at]])
+    const strongest = peaks.reduce((a, b) => b[0] > a[0] ? b : a)
+    const element = await shown(figure,
+      `Power spectral density of ${signalName(name)} over time; strongest at ${number(strongest[1])} Hz with `
+        + `${number(strongest[0])} dB`, signal)
     element.prepend(heading)
     made.push({ element, names: [name] })
   }

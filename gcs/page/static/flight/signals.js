@@ -23,10 +23,13 @@ export async function signals(page, summary, query, signal, begun) {
       : 'No signal can be read from this recording; the warnings above say why.')))
     return
   }
-  const fields = new Set(Object.entries(summary.fields).flatMap(([message, names]) => names.map(name => `${message}.${name}`)))
+  const fields = new Set(Object.entries(summary.fields).flatMap(([message, names]) =>
+    names.map(name => `${message}.${name}`)))
   const known = name => summary.signals.includes(name) || fields.has(name)
   /** The signals of each plot. */
-  let groups = query.has('signals') ? query.get('signals').split(NEXT_PLOT).map(text => text.split(SAME_PLOT).filter(known)) : USUAL.filter(known).map(name => [name])
+  let groups = query.has('signals')
+    ? query.get('signals').split(NEXT_PLOT).map(text => text.split(SAME_PLOT).filter(known))
+    : USUAL.filter(known).map(name => [name])
   groups = groups.filter(group => group.length)
   if (!groups.length) groups = [[summary.signals[0]]]
   const regroup = changed => {
@@ -64,7 +67,8 @@ function anyField(messages, chosen, box) {
   const names = Object.keys(messages)
   if (!names.length) return ''
   const list = h('fieldset', { class: 'choices' })
-  const show = message => list.replaceChildren(h('legend', {}, `Fields of ${message}, as they were sent`), ...messages[message].map(name => box(`${message}.${name}`)))
+  const show = message => list.replaceChildren(h('legend', {}, `Fields of ${message}, as they were sent`),
+    ...messages[message].map(name => box(`${message}.${name}`)))
   const first = chosen.map(name => name.split('.')[0]).find(name => name in messages) ?? names[0]
   show(first)
   return h('div', {}, field('Any field of a message', select(names.map(name => [name, name]), first, show)), list)
@@ -74,10 +78,12 @@ function anyField(messages, chosen, box) {
 function events({ modes, texts }, drawing) {
   const rows = [
     ...modes.map(one => ({ time: one.start, what: `${one.mode}${one.armed ? '' : ', disarmed'}`, kind: 'mode' })),
-    ...texts.map(one => ({ time: one.time, what: one.text, kind: one.note ? 'note' : SEVERITIES[one.severity] ?? 'text' })),
+    ...texts.map(one =>
+      ({ time: one.time, what: one.text, kind: one.note ? 'note' : SEVERITIES[one.severity] ?? 'text' })),
   ].sort((a, b) => a.time - b.time)
   if (!rows.length) return ''
   const found = table('What happened', ['Time, s', 'What', 'Kind'], rows.map(({ time, what, kind }) => [
-    h('button', { type: 'button', class: 'small', 'aria-label': `Put the cursor to ${time.toFixed(1)} s`, click: () => drawing.cursor.move(time) }, time.toFixed(1)), what, kind]))
+    h('button', { type: 'button', class: 'small', 'aria-label': `Put the cursor to ${time.toFixed(1)} s`,
+      click: () => drawing.cursor.move(time) }, time.toFixed(1)), what, kind]))
   return h('details', {}, h('summary', {}, `Modes and texts (${rows.length})`), found)
 }

@@ -26,7 +26,9 @@ export function sparkline(outline) {
     return piece
   }).join('')
   const title = newId('course')
-  return svg('svg', { class: 'sparkline', width: WIDTH, height: HEIGHT, viewBox: `0 0 ${WIDTH} ${HEIGHT}`, role: 'img', 'aria-labelledby': title },
-    svg('title', { id: title }, `${signalName(outline.name)} from ${number(low * factor)} to ${number(high * factor)} ${unit}`),
+  return svg('svg', { class: 'sparkline', width: WIDTH, height: HEIGHT, viewBox: `0 0 ${WIDTH} ${HEIGHT}`, role: 'img',
+    'aria-labelledby': title },
+    svg('title', { id: title },
+      `${signalName(outline.name)} from ${number(low * factor)} to ${number(high * factor)} ${unit}`),
     svg('path', { d: path }))
 }

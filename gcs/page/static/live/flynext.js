@@ -6,12 +6,14 @@ import { language, say } from '../shared/language.js'
 import { write } from './livetable.js'
 
 const SPEAK = 'speak-next'
-const SHAPES = { multisine: 'a multisine of 20 s', 3211: 'a 3-2-1-1', doublet: 'doublets', step: 'steps', pulse: 'a pulse' }
+const SHAPES = { multisine: 'a multisine of 20 s', 3211: 'a 3-2-1-1', doublet: 'doublets', step: 'steps',
+  pulse: 'a pulse' }
 // What each shape takes on one surface, s, with the rest behind it; the other manoeuvres as a whole.
 const LASTS_S = { multisine: 20, 3211: 6, doublet: 4, step: 4, pulse: 3 }
 const OTHERS_S = 20
 const LEAD_S = 3
-const BY_HAND = 'By hand: strokes to and fro of 1, 2 and 3 tenths of a second in changing order, 2 to 4° each way, without a pause.'
+const BY_HAND = 'By hand: strokes to and fro of 1, 2 and 3 tenths of a second in changing order, 2 to 4° each way, '
+  + 'without a pause.'
 // Surfaces as they are measured, and what each must move at least to show anything, rms.
 const MEASURED = { elevator: 'de', aileron: 'da', rudder: 'dr' }
 const LEAST_DEG = 1
@@ -21,7 +23,9 @@ const VERDICT_MS = 15_000
 const FEWEST = 5
 const SURFACES = { elevator: 'elevator', aileron: 'ailerons', rudder: 'rudder', throttle: 'throttle' }
 
-/** A manoeuvre as one says it: "elevator-3211,aileron-doublet" is "a 3-2-1-1 on the elevator, doublets on the ailerons". */
+/**
+ * A manoeuvre as one says it: "elevator-3211,aileron-doublet" is "a 3-2-1-1 on the elevator, doublets on the ailerons".
+ */
 export function spoken(manoeuvre) {
   if (manoeuvre === 'roller-coaster') return 'a roller-coaster: pull up and push over, gently, a few times'
   const parts = new Map()
@@ -56,16 +60,19 @@ export class FlyNext {
     this.why = h('p', { class: 'hint' })
     this.hand = h('p', { class: 'hint' })
     this.speaks = kept(SPEAK) === 'yes'
-    this.voice = h('button', { type: 'button', class: 'small', 'data-key': 'speak', 'aria-pressed': String(this.speaks), click: () => this.toggle() }, 'Read aloud')
+    this.voice = h('button', { type: 'button', class: 'small', 'data-key': 'speak',
+      'aria-pressed': String(this.speaks), click: () => this.toggle() }, 'Read aloud')
     this.voice.hidden = !('speechSynthesis' in window)
     this.count = h('p', { class: 'next-count', hidden: true })
     /** @type {Record<string, number[]>} angles that were received, by surface */
     this.moved = {}
-    this.counts = h('button', { type: 'button', class: 'small', 'data-key': 'count', click: () => this.counting ? this.end() : this.begin() }, 'Count down')
+    this.counts = h('button', { type: 'button', class: 'small', 'data-key': 'count',
+      click: () => this.counting ? this.end() : this.begin() }, 'Count down')
     this.wanted = ''
     this.counting = undefined
     this.element = h('section', { class: 'card next', hidden: true, 'aria-labelledby': 'next-heading' },
-      h('div', { class: 'row' }, h('h2', { id: 'next-heading' }, 'Fly next'), this.counts, this.voice), this.what, this.count, this.why, this.hand)
+      h('div', { class: 'row' }, h('h2', { id: 'next-heading' }, 'Fly next'), this.counts, this.voice), this.what,
+      this.count, this.why, this.hand)
     this.said = ''
   }
 
@@ -140,9 +147,12 @@ export class FlyNext {
     for (const [surface, angles] of Object.entries(this.moved)) {
       if (angles.length < FEWEST) return `What the ${SURFACES[surface]} did was not received.`
       const mean = angles.reduce((sum, one) => sum + one, 0) / (angles.length || 1)
-      const rms = Math.sqrt(angles.reduce((sum, one) => sum + (one - mean) ** 2, 0) / (angles.length || 1)) * 180 / Math.PI
-      if (rms < LEAST_DEG) return `The ${SURFACES[surface]} hardly moved (${rms.toFixed(1)}° rms): fly it again, larger.`
-      figures.push(`the ${SURFACES[surface]}${figures.length ? '' : ' moved'} by ${rms.toFixed(1)}°${figures.length ? '' : ' rms'}`)
+      const squares = angles.reduce((sum, one) => sum + (one - mean) ** 2, 0)
+      const rms = Math.sqrt(squares / (angles.length || 1)) * 180 / Math.PI
+      if (rms < LEAST_DEG)
+        return `The ${SURFACES[surface]} hardly moved (${rms.toFixed(1)}° rms): fly it again, larger.`
+      figures.push(`the ${SURFACES[surface]}${figures.length ? '' : ' moved'} by `
+        + `${rms.toFixed(1)}°${figures.length ? '' : ' rms'}`)
     }
     return figures.length ? `✓ Flown: ${figures.join(', ')}.` : '✓ Flown.'
   }

@@ -27,7 +27,8 @@ class Tile {
     this.figure = h('span', {}, NONE)
     this.words = h('span', { class: 'unseen' })
     this.old = h('span', { class: 'mark', hidden: true }, 'old')
-    this.element = h('div', { class: 'tile' }, h('dt', {}, `${title}, ${unit} `, this.old), h('dd', {}, this.figure, ' ', this.words))
+    this.element = h('div', { class: 'tile' }, h('dt', {}, `${title}, ${unit} `, this.old),
+      h('dd', {}, this.figure, ' ', this.words))
   }
 
   /** known(name): its value, NaN where it is missing, undefined where it never came. */
@@ -35,7 +36,8 @@ class Tile {
     // The first that ever came: another quantity does not take the place of one that is missing.
     const value = this.names.map(known).find(one => one !== undefined)
     const there = Number.isFinite(value)
-    write(this.figure, there ? this.shown(value * this.factor).toFixed(this.decimals).replace(/^-(?=[0.]*$)/, '').replace('-', '−') : NONE)
+    write(this.figure, there ? this.shown(value * this.factor).toFixed(this.decimals).replace(/^-(?=[0.]*$)/, '')
+      .replace('-', '−') : NONE)
     write(this.words, there ? '' : 'not known', 'unseen')
     this.old.hidden = !(stale && there)
   }
@@ -50,9 +52,11 @@ export class Instruments {
       [-20, -10, 10, 20].map(angle => [svg('path', { d: `M-18 ${-PER_DEGREE * angle}h36`, class: 'ladder' }),
         svg('text', { x: 21, y: -PER_DEGREE * angle + 3, class: 'rung' }, String(Math.abs(angle)))]))
     this.bank = svg('path', { d: 'M0 -49L-4 -42H4Z', class: 'pointer' })
-    this.picture = svg('svg', { viewBox: '-100 -75 200 150', preserveAspectRatio: 'xMidYMid slice', role: 'img', class: 'horizon' },
+    this.picture = svg('svg',
+      { viewBox: '-100 -75 200 150', preserveAspectRatio: 'xMidYMid slice', role: 'img', class: 'horizon' },
       svg('rect', { x: -300, y: -400, width: 600, height: 800, class: 'sky' }), this.ground,
-      ROLL_MARKS.map(angle => svg('path', { d: `M0 -56V${angle % 30 ? -53 : -50}`, transform: `rotate(${angle})`, class: 'ladder' })), this.bank,
+      ROLL_MARKS.map(angle => svg('path',
+        { d: `M0 -56V${angle % 30 ? -53 : -50}`, transform: `rotate(${angle})`, class: 'ladder' })), this.bank,
       svg('path', { d: 'M-60 0h35l10 12M60 0h-35l-10 12M-3 0h6', class: 'aircraft' }),
       svg('path', { d: 'M-300 -225L300 225M-300 225L300 -225', class: 'cross' }))
     this.element = h('div', { class: 'instruments' }, this.picture,
@@ -84,7 +88,9 @@ export class Instruments {
    */
   show(signals, age = () => 0) {
     const now = Date.now()
-    for (const [name, value] of Object.entries(signals)) this.known.set(name, { value: value ?? NaN, at: now - 1000 * age(name) })
+    for (const [name, value] of Object.entries(signals)) {
+      this.known.set(name, { value: value ?? NaN, at: now - 1000 * age(name) })
+    }
     this.draw(now)
   }
 
@@ -107,9 +113,11 @@ export class Instruments {
       return
     }
     const pitch = Math.max(-40, Math.min(40, theta * DEGREES))
-    this.ground.setAttribute('transform', `rotate(${(-phi * DEGREES).toFixed(2)}) translate(0 ${(PER_DEGREE * pitch).toFixed(2)})`)
+    this.ground.setAttribute('transform',
+      `rotate(${(-phi * DEGREES).toFixed(2)}) translate(0 ${(PER_DEGREE * pitch).toFixed(2)})`)
     this.bank.setAttribute('transform', `rotate(${(-phi * DEGREES).toFixed(2)})`)
     const [roll, nose] = [phi, theta].map(angle => number(Math.round(angle * DEGREES), 1))
-    this.picture.setAttribute('aria-label', `${this.old ? 'Old attitude' : 'Attitude'}: roll ${roll}, pitch ${nose} degrees`)
+    this.picture.setAttribute('aria-label',
+      `${this.old ? 'Old attitude' : 'Attitude'}: roll ${roll}, pitch ${nose} degrees`)
   }
 }

@@ -24,13 +24,19 @@ const FRESH_S = 2
 
 const STATES = {
   live: ['good', data => `Live${data.vehicle ? `: ${data.vehicle}` : ''}`],
-  late: ['bad', () => 'Nothing new has come for some seconds: the ground station is behind, or this device is losing it. The figures are old.'],
-  lost: ['bad', data => `No message from the vehicle${data.time_s === null ? '' : ` since ${duration(data.time_s)} of the flight`}. `
-    + 'Check its power, the radio, and the links below.'],
+  late: ['bad',
+    () => 'Nothing new has come for some seconds: the ground station is behind, or this device is losing it. The '
+      + 'figures are old.'],
+  lost: ['bad',
+    data => `No message from the vehicle${data.time_s === null
+      ? '' : ` since ${duration(data.time_s)} of the flight`}. `
+      + 'Check its power, the radio, and the links below.'],
   landed: ['good', data => `Flight over: the vehicle is disarmed${data.state === 'live' ? ' and still sends' : ''}.`],
-  silent: ['bad', () => 'Nothing more was heard of the vehicle, and its flight has ended. If it comes back, that is another flight.'],
+  silent: ['bad',
+    () => 'Nothing more was heard of the vehicle, and its flight has ended. If it comes back, that is another flight.'],
   waiting: ['note', data => data.heard
-    ? 'Messages come and are recorded; the ground station still prepares to show them. The first time that takes a minute.'
+    ? 'Messages come and are recorded; the ground station still prepares to show them. The first time that takes a '
+      + 'minute.'
     : 'Waiting for the first message. Switch the vehicle on; if nothing comes, see the links below.'],
 }
 
@@ -46,7 +52,8 @@ export async function live(page, parts, query, signal) {
     view.disconnected(sentence(error))
   }
   page.append(h('h1', { class: 'unseen' }, 'Live'), view.banner, view.status.element, view.first, view.warnings.element,
-    h('div', { class: 'cockpit' }, h('div', {}, ...view.instruments.elements, view.next.element, view.notes.element), view.track.element),
+    h('div', { class: 'cockpit' }, h('div', {}, ...view.instruments.elements, view.next.element, view.notes.element),
+      view.track.element),
     ...view.plots.elements, ...view.identification.elements, ...view.links.elements)
   if (newest) view.take(newest)
   view.start()
@@ -60,8 +67,10 @@ class LiveView {
     this.clock = h('p', { class: 'clock' })
     this.result = h('a', { class: 'button', hidden: true }, 'See what came of it')
     this.banner = h('div', { class: 'remark note banner' }, this.words, this.clock, this.result)
-    this.first = h('section', { class: 'panel', hidden: true, 'aria-label': 'With a log' }, h('p', {}, 'With a log on a card no vehicle is needed here: ',
-      h('a', { href: '#/aircraft/new' }, 'describe the aircraft'), ', ', h('a', { href: '#/flights' }, 'take the log in'), ', and press Identify on its page.'))
+    this.first = h('section', { class: 'panel', hidden: true, 'aria-label': 'With a log' },
+      h('p', {}, 'With a log on a card no vehicle is needed here: ',
+        h('a', { href: '#/aircraft/new' }, 'describe the aircraft'), ', ',
+        h('a', { href: '#/flights' }, 'take the log in'), ', and press Identify on its page.'))
     this.warnings = new Warnings()
     this.instruments = new Instruments()
     this.status = new Status()
@@ -79,7 +88,8 @@ class LiveView {
   /** Take an object of GET /api/live. */
   take(newest) {
     this.data.time_s = newest.time_s
-    this.state({ state: newest.state, flight: newest.flight, vehicle: newest.vehicle, landed: newest.landed, silent: newest.silent })
+    this.state({ state: newest.state, flight: newest.flight, vehicle: newest.vehicle, landed: newest.landed,
+      silent: newest.silent })
     this.plots.units(newest.signals)
     const entries = Object.entries(newest.signals)
     // Of a vehicle that is silent all is old: how old then counts from what came last.
@@ -97,7 +107,8 @@ class LiveView {
     if (change.flight && change.flight !== this.flight) {
       this.flight = change.flight
       this.learnt = false
-      for (const part of [this.plots, this.identification, this.instruments, this.warnings, this.status, this.track, this.notes, this.next]) part.clear()
+      for (const part of [this.plots, this.identification, this.instruments, this.warnings, this.status, this.track,
+        this.notes, this.next]) part.clear()
     }
     if ('flight' in change) this.status.take({ flight: change.flight })
     Object.assign(this.data, change)
@@ -127,7 +138,8 @@ class LiveView {
     const old = late || this.data.state !== 'live'
     this.instruments.stale(old)
     if (old !== this.status.known.old) this.status.take({ old })
-    this.showState(kind, words(this.data), this.data.state === 'live' && this.data.time_s !== null ? `at ${duration(this.data.time_s)}` : '')
+    this.showState(kind, words(this.data),
+      this.data.state === 'live' && this.data.time_s !== null ? `at ${duration(this.data.time_s)}` : '')
     this.banner.title = this.data.flight ? `flight ${this.data.flight}` : ''
   }
 
@@ -213,7 +225,9 @@ class LiveView {
     try {
       const [newest, minute] = await Promise.all([get('/api/live', this.signal), get('/api/live/minute', this.signal)])
       // An event that came while this answer was under way is newer than the answer.
-      if (this.stateEvents !== before) Object.assign(newest, { state: this.data.state, flight: this.data.flight, landed: this.data.landed, silent: this.data.silent })
+      if (this.stateEvents !== before)
+        Object.assign(newest,
+          { state: this.data.state, flight: this.data.flight, landed: this.data.landed, silent: this.data.silent })
       this.broken = false
       this.heard = Date.now()
       this.take(newest)

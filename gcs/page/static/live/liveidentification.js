@@ -25,7 +25,8 @@ export class Identification {
     this.coefficients = new LiveTable('Coefficients of the last 25 s',
       ['Coefficient', 'Value ± 1 σ', 'Not known yet', 'Fly next'], ['', '', 'Not known yet', 'Fly next'])
     this.sensors = new LiveTable('Wind, sensors and servos in flight', ['Name', 'Value ± 1 σ', 'Unit'], [])
-    this.elements = [h('h2', {}, 'Coefficients'), this.why, this.count, this.speed, this.plots, this.coefficients.element, this.sensors.element]
+    this.elements = [h('h2', {}, 'Coefficients'), this.why, this.count, this.speed, this.plots,
+      this.coefficients.element, this.sensors.element]
   }
 
   /** Another flight: its plots are those of the last one, out of sight until they have something to show. */
@@ -34,7 +35,9 @@ export class Identification {
     for (const { element } of this.panels.values()) element.hidden = true
   }
 
-  /** Take an object of identification, null (with why) where there is none; time: s of the flight, landed: behind one. */
+  /**
+   * Take an object of identification, null (with why) where there is none; time: s of the flight, landed: behind one.
+   */
   show(found, why, time, landed = false) {
     this.why.hidden = Boolean(found)
     const entries = Object.entries(found?.coefficients ?? {})
@@ -48,7 +51,8 @@ export class Identification {
       write(this.missing, why ?? 'Start the service with --vehicle FILE to identify in flight.')
       return
     }
-    for (const name of MAIN.filter(one => Number.isFinite(found.coefficients[one]?.value))) this.keep(name, found.coefficients[name], time)
+    for (const name of MAIN.filter(one => Number.isFinite(found.coefficients[one]?.value))) this.keep(name,
+      found.coefficients[name], time)
   }
 
   keep(name, { value, std }, time) {
@@ -118,7 +122,8 @@ function speed(found) {
   const { median, p95 } = found.latency_ms ?? {}
   if (!Number.isFinite(median)) return ''
   const share = Number.isFinite(found.cpu_share) ? `, ${percent(found.cpu_share)} of one core` : ''
-  return `Coefficients are those of the last 25 s. Every message is watched for changes after ${number(median, 2)} ms (median; 95 % below `
+  return `Coefficients are those of the last 25 s. Every message is watched for changes after ${number(median, 2)} ms `
+    + `(median; 95 % below `
     + `${number(p95, 2)}), ${number(found.updates_per_s, 2)} times a second${share}.`
 }
 

@@ -9,7 +9,8 @@ const HEAD = ['Link', 'State', 'Messages/s', 'kB/s', 'Lost', 'Bad checksums', 'S
 /** The section of links. */
 export class Links {
   constructor() {
-    this.table = new LiveTable('What comes on each link, and what is lost', HEAD, ['', '', ...HEAD.slice(2)], name => name)
+    this.table = new LiveTable('What comes on each link, and what is lost', HEAD, ['', '', ...HEAD.slice(2)],
+      name => name)
     this.notes = h('div', {})
     this.noted = ''
     this.elements = [h('h2', {}, 'Links'), this.table.element, this.notes]

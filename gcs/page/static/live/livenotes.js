@@ -16,14 +16,17 @@ export class Notes {
     this.time = null
     this.own = []
     this.heard = []
-    const text = h('input', { type: 'text', maxlength: 200, autocomplete: 'off', 'aria-label': 'Note', 'data-key': 'note', placeholder: 'What do you see?' })
+    const text = h('input', { type: 'text', maxlength: 200, autocomplete: 'off', 'aria-label': 'Note',
+      'data-key': 'note', placeholder: 'What do you see?' })
     this.text = text
     this.form = h('form', { class: 'row note-form', submit: event => {
       event.preventDefault()
       if (text.value.trim()) this.note(text.value.trim(), () => { text.value = '' })
-    } }, h('button', { type: 'button', class: 'main', 'data-key': 'mark', click: () => this.note('mark') }, 'Mark'), text, h('button', {}, 'Note'))
+    } }, h('button', { type: 'button', class: 'main', 'data-key': 'mark', click: () => this.note('mark') }, 'Mark'),
+    text, h('button', {}, 'Note'))
     this.list = h('ol', { class: 'said', 'aria-label': 'Texts and notes, the newest first' })
-    this.element = h('section', { 'aria-labelledby': 'notes-heading' }, h('h2', { id: 'notes-heading' }, 'Notes and texts'), this.form, this.list)
+    this.element = h('section', { 'aria-labelledby': 'notes-heading' },
+      h('h2', { id: 'notes-heading' }, 'Notes and texts'), this.form, this.list)
   }
 
   /** Another flight: nothing has been said in it. */
@@ -36,7 +39,8 @@ export class Notes {
   /** Take the texts of the vehicle; time: of the flight, s. */
   show(texts) {
     if (JSON.stringify(texts) === JSON.stringify(this.heard)) return
-    const news = texts.filter(one => one.severity <= BAD && !this.heard.some(old => old.text === one.text && old.time_s === one.time_s))
+    const news = texts.filter(one =>
+      one.severity <= BAD && !this.heard.some(old => old.text === one.text && old.time_s === one.time_s))
     this.heard = texts
     if (news.length) announce(news.map(one => one.text).join('. '), true)
     this.draw()
@@ -58,6 +62,7 @@ export class Notes {
     const every = [...this.heard, ...this.own].sort((a, b) => (b.time_s ?? 0) - (a.time_s ?? 0)).slice(0, SHOWN)
     this.list.replaceChildren(...every.map(one => h('li', {},
       h('span', { class: 'clock' }, one.time_s === null ? '' : duration(one.time_s)), ' ',
-      h('span', { class: 'tag' }, one.note ? 'note' : SEVERITIES[one.severity] ?? 'text'), ' ', h('span', { translate: 'no' }, one.text))))
+      h('span', { class: 'tag' }, one.note ? 'note' : SEVERITIES[one.severity] ?? 'text'), ' ',
+      h('span', { translate: 'no' }, one.text))))
   }
 }

@@ -8,7 +8,8 @@ import { Sight } from './sight.js'
 
 const WINDOW_S = 60
 const EVERY_MS = 100
-// Plots rest eleven times as long as they took: a twelfth of the time is theirs, however many are in sight on whatever device.
+// Plots rest eleven times as long as they took: a twelfth of the time is theirs, however many are in sight on whatever
+// device.
 const REST = 11
 const LEAST_REST_MS = 200
 // What stood still meanwhile, as a computer that slept, is not the plots' doing.
@@ -124,7 +125,8 @@ export class LivePlots {
       const range = new Bokeh.Range1d({ start: 0, end: WINDOW_S })
       const [unit] = this.shownUnit(names[0])
       const title = names.map(signalName).join(' and ')
-      const figure = await plot({ x: 'time, s', y: names.length > 1 ? unit : `${signalName(names[0])}${unit ? `, ${unit}` : ''}`, xRange: range, height: 200 })
+      const figure = await plot({ x: 'time, s',
+        y: names.length > 1 ? unit : `${signalName(names[0])}${unit ? `, ${unit}` : ''}`, xRange: range, height: 200 })
       const sources = []
       for (const [index, name] of names.entries()) {
         sources.push([name, await source({ x: [], y: [] })])
@@ -172,13 +174,14 @@ export class LivePlots {
   }
 
   offer() {
-    const boxes = [...this.kept.keys()].filter(name => !USUAL.flat().includes(name)).sort().map(name => h('label', { class: 'choice' },
-      h('input', { type: 'checkbox', checked: this.chosen.has(name), change: event => {
-        this.chosen[event.target.checked ? 'add' : 'delete'](name)
-        this.query.set('signals', [...this.chosen].join(','))
-        keepQuery(this.query)
-        this.build()
-      } }), signalName(name)))
+    const boxes = [...this.kept.keys()].filter(name => !USUAL.flat().includes(name)).sort().map(name =>
+      h('label', { class: 'choice' },
+        h('input', { type: 'checkbox', checked: this.chosen.has(name), change: event => {
+          this.chosen[event.target.checked ? 'add' : 'delete'](name)
+          this.query.set('signals', [...this.chosen].join(','))
+          keepQuery(this.query)
+          this.build()
+        } }), signalName(name)))
     this.choices.replaceChildren(this.choices.firstChild, ...boxes)
   }
 }

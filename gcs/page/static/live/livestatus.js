@@ -19,7 +19,8 @@ const CHIPS = [
   ['Mode', ({ status }) => status.mode ? { kind: '', text: status.mode } : null],
   ['Motor', ({ status }) => status.mode === undefined ? null
     : status.armed ? { kind: 'warn', text: 'ARMED' } : { kind: 'fine', text: 'disarmed' }],
-  ['Battery', ({ status }) => status.battery ? battery(status.battery) : status.mode === undefined ? null : { kind: '', text: 'not sent' }],
+  ['Battery', ({ status }) =>
+    status.battery ? battery(status.battery) : status.mode === undefined ? null : { kind: '', text: 'not sent' }],
   ['GPS', ({ status }) => status.gps ? gps(status.gps) : null],
   ['Radio', ({ links }) => links ? radio(links) : null],
   ['Recording', ({ flight, health }) => health ? recording(flight, health) : null],
@@ -65,7 +66,10 @@ export class Status {
     this.element = h('dl', { class: 'strip' }, this.chips.map(one => one.element))
   }
 
-  /** Take what is new: `status` of the vehicle, whether that is `old`, `links`, `health` of the station, id of the `flight` being recorded. */
+  /**
+   * Take what is new: `status` of the vehicle, whether that is `old`, `links`, `health` of the station, id of the
+   * `flight` being recorded.
+   */
   take(change) {
     Object.assign(this.known, change)
     for (const { element, text, shown, title } of this.chips) {

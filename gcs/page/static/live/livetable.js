@@ -1,11 +1,13 @@
-// A table whose figures move while somebody reads it. Its rows stay and only texts that have changed are written, so it keeps
+// A table whose figures move while somebody reads it. Its rows stay and only texts that have changed are written, so it
+// keeps
 // the place it is scrolled to, the focus, and the cell that a screen reader stands on.
 
 import { h, newId } from '../shared/dom.js'
 
 export class LiveTable {
   /**
-   * head: headings of the columns. short: those that stand before the cells where rows wrap, on a narrow screen; '' for a
+   * head: headings of the columns. short: those that stand before the cells where rows wrap, on a narrow screen; '' for
+   * a
    * cell that needs none. named: makes the node of a row's name.
    */
   constructor(caption, head, short, named = name => h('code', {}, name)) {
@@ -15,7 +17,8 @@ export class LiveTable {
     this.cells = []
     const title = newId('caption')
     this.body = h('tbody', {})
-    this.element = h('div', { class: 'wide wrapping', role: 'region', 'aria-labelledby': title, tabindex: 0, hidden: true },
+    this.element = h('div',
+      { class: 'wide wrapping', role: 'region', 'aria-labelledby': title, tabindex: 0, hidden: true },
       h('table', {}, h('caption', { id: title }, caption),
         h('thead', {}, h('tr', {}, head.map(text => h('th', { scope: 'col' }, text)))), this.body))
   }
@@ -26,7 +29,8 @@ export class LiveTable {
     if (names !== this.names) {
       this.names = names
       this.cells = rows.map(row => row.slice(1).map((_, at) => h('td', { 'data-heading': this.short[at + 1] || null })))
-      this.body.replaceChildren(...rows.map(([name], at) => h('tr', {}, h('th', { scope: 'row' }, this.named(name)), this.cells[at])))
+      this.body.replaceChildren(...rows.map(([name], at) =>
+        h('tr', {}, h('th', { scope: 'row' }, this.named(name)), this.cells[at])))
       this.element.hidden = !rows.length
     }
     rows.forEach((row, at) => row.slice(1).forEach((cell, column) => write(this.cells[at][column], ...[cell].flat())))

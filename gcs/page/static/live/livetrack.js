@@ -1,4 +1,5 @@
-// Where the aircraft has been, over ground: home, wind, a scale, the aircraft. No map is needed, and none is fetched from
+// Where the aircraft has been, over ground: home, wind, a scale, the aircraft. No map is needed, and none is fetched
+// from
 // elsewhere; one that the station has lies beneath.
 
 import { h, svg } from '../shared/dom.js'
@@ -26,12 +27,15 @@ export class Track {
     this.barText = svg('text', { x: 12, y: SIZE - 16 })
     this.wind = svg('g', { visibility: 'hidden' }, svg('path', { d: 'M0 -14V12M-5 5L0 14L5 5', class: 'wind' }))
     this.windText = svg('text', { x: SIZE - 12, y: 52, 'text-anchor': 'end' })
-    this.picture = svg('svg', { viewBox: `0 0 ${SIZE} ${SIZE}`, role: 'img', class: 'map', 'aria-label': 'Track over ground: no position yet' },
-      svg('rect', { width: SIZE, height: SIZE, class: 'ground' }), this.map.element, svg('text', { x: SIZE / 2, y: 16, 'text-anchor': 'middle' }, 'N'),
+    this.picture = svg('svg',
+      { viewBox: `0 0 ${SIZE} ${SIZE}`, role: 'img', class: 'map', 'aria-label': 'Track over ground: no position yet' },
+      svg('rect', { width: SIZE, height: SIZE, class: 'ground' }), this.map.element,
+      svg('text', { x: SIZE / 2, y: 16, 'text-anchor': 'middle' }, 'N'),
       this.path, this.home, this.craft, this.bar, this.barText, this.wind, this.windText)
     this.words = h('span', {}, 'No position yet.')
     this.over = h('span', {})
-    this.element = h('figure', { class: 'ground-track', hidden: true }, this.picture, h('figcaption', {}, this.words, ' ', this.over), this.credit)
+    this.element = h('figure', { class: 'ground-track', hidden: true }, this.picture,
+      h('figcaption', {}, this.words, ' ', this.over), this.credit)
     this.clear()
   }
 
@@ -90,7 +94,8 @@ export class Track {
     this.map.draw(this.from, middle, SIZE / 2 / scale, scale, at)
     write(this.credit, this.map.map?.attribution ?? '')
     const move = place => `translate(${at(place).map(one => one.toFixed(1)).join(' ')})`
-    this.path.setAttribute('d', `M${this.places.map(one => at(one).map(value => value.toFixed(1)).join(' ')).join('L')}`)
+    this.path.setAttribute('d',
+      `M${this.places.map(one => at(one).map(value => value.toFixed(1)).join(' ')).join('L')}`)
     this.home.setAttribute('transform', move([0, 0]))
     const here = this.places.at(-1)
     this.craft.setAttribute('visibility', this.heading === null ? 'hidden' : 'visible')
@@ -115,7 +120,8 @@ export class Track {
     const speed = Math.hypot(north, east)
     this.wind.setAttribute('visibility', speed > 0.3 ? 'visible' : 'hidden')
     // The arrow points downwards at 0: where the air goes.
-    this.wind.setAttribute('transform', `translate(${SIZE - 22} 24) rotate(${(Math.atan2(east, north) * 180 / Math.PI + 180).toFixed(0)})`)
+    this.wind.setAttribute('transform',
+      `translate(${SIZE - 22} 24) rotate(${(Math.atan2(east, north) * 180 / Math.PI + 180).toFixed(0)})`)
     this.windText.textContent = speed > 0.3 ? `${speed.toFixed(1)} m/s` : ''
   }
 }

@@ -42,12 +42,16 @@ export class MapTiles {
     }
   }
 
-  /** Draw what lies around. home: latitude, longitude; at: from m north and east of it to the drawing; reach: m from the middle. */
+  /**
+   * Draw what lies around. home: latitude, longitude; at: from m north and east of it to the drawing; reach: m from the
+   * middle.
+   */
   draw(home, middle, reach, scale, at) {
     if (!this.map || !home) return
     const cosine = Math.cos(home[0] * Math.PI / 180)
     const place = (north, east) => [home[0] + north / METRES_PER_DEGREE, home[1] + east / METRES_PER_DEGREE / cosine]
-    const metres = ([latitude, longitude]) => [(latitude - home[0]) * METRES_PER_DEGREE, (longitude - home[1]) * METRES_PER_DEGREE * cosine]
+    const metres = ([latitude, longitude]) =>
+      [(latitude - home[0]) * METRES_PER_DEGREE, (longitude - home[1]) * METRES_PER_DEGREE * cosine]
     const wanted = Math.ceil(Math.log2(EQUATOR_M * cosine * scale * FINER / TILE_PX))
     let zoom = Math.min(Math.max(wanted, this.map.least_zoom), this.map.most_zoom)
     let range = around(place, middle, reach, zoom)
@@ -75,20 +79,23 @@ export class MapTiles {
       image = svg('image', { preserveAspectRatio: 'none' })
       this.shown.set(key, image)
       this.element.append(image)
-      this.picture(key).then(address => address ? image.setAttribute('href', address) : this.shown.delete(key) && image.remove())
+      this.picture(key).then(address =>
+        address ? image.setAttribute('href', address) : this.shown.delete(key) && image.remove())
     }
     // A hair larger, so that no seam shows.
-    for (const [name, value] of Object.entries({ x, y, width: width + 0.3, height: height + 0.3 })) image.setAttribute(name, value.toFixed(2))
+    for (const [name, value] of Object.entries({ x, y, width: width + 0.3,
+      height: height + 0.3 })) image.setAttribute(name, value.toFixed(2))
   }
 
   /** The address of a tile's picture. */
   picture(key) {
     if (!this.pictures.has(key)) {
-      const fetched = request(`/api/map/${key}`).then(answer => answer.blob()).then(blob => URL.createObjectURL(blob)).catch(error => {
-        // A tile that the file lacks is asked for once; one that was lost under way again.
-        if (error.status !== 404) this.pictures.delete(key)
-        return null
-      })
+      const fetched = request(`/api/map/${key}`).then(answer => answer.blob()).then(blob => URL.createObjectURL(blob))
+        .catch(error => {
+          // A tile that the file lacks is asked for once; one that was lost under way again.
+          if (error.status !== 404) this.pictures.delete(key)
+          return null
+        })
       this.pictures.set(key, fetched)
       if (this.pictures.size > MOST_KEPT) this.forget()
     }

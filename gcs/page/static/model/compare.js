@@ -23,7 +23,8 @@ export async function compare(page, parts, query, signal) {
 /** The flights that the address names, which may be older than those found. */
 async function addNamed(flights, query, signal) {
   const named = ['a', 'fa', 'fb'].map(key => query.get(key)).filter(id => id && !flights.some(one => one.id === id))
-  for (const id of new Set(named)) flights.push(...(await findFlights({ search: id }, signal)).flights.filter(one => one.id === id))
+  for (const id of new Set(named)) flights.push(...(await findFlights({ search: id }, signal)).flights.filter(one =>
+    one.id === id))
 }
 
 const comparable = flights => flights.filter(one => one.state !== 'recording' && !one.recording_deleted)
@@ -41,8 +42,10 @@ function choice(query, key, fallback, choices, change) {
 function modelSection(page, models, query, signal) {
   page.append(h('h2', {}, 'Models'))
   if (models.length < 2) {
-    page.append(remark('note', h('p', {}, `There ${models.length ? 'is one model' : 'is no model yet'}; two are needed. `
-      + 'Open a flight and start an identification.'), h('p', {}, h('a', { class: 'button', href: '#/flights' }, 'To the flights'))))
+    page.append(remark('note',
+      h('p', {}, `There ${models.length ? 'is one model' : 'is no model yet'}; two are needed. `
+        + 'Open a flight and start an identification.'),
+        h('p', {}, h('a', { class: 'button', href: '#/flights' }, 'To the flights'))))
     return
   }
   const place = h('div', {})
@@ -83,7 +86,9 @@ function coefficients(models) {
       there.length === 2 ? bars(there, false) : '', Math.abs(z ?? 0) > FAR ? h('strong', {}, `${apart} far`) : apart]
   })
   return [
-    h('p', {}, far.length ? `${far.length} of the ${both.length} that both know differ by more than ${FAR} standard errors: ${far.join(', ')}.`
+    h('p', {}, far.length
+      ? `${far.length} of the ${both.length} that both know differ by more than ${FAR} standard errors: `
+        + `${far.join(', ')}.`
       : `None of the ${both.length} that both know differs by more than ${FAR} standard errors.`),
     h('p', { class: 'hint' }, 'Standard errors of the difference, the flights being independent. Drawing: first above, '
       + 'second below, 95 % intervals.'),
@@ -110,14 +115,16 @@ function signalSection(page, found, query, signal) {
     }
   }
   const names = async () => {
-    const lists = await Promise.all(chosen().map(flight => get(`/api/flights/${encodeURIComponent(flight.id)}`, signal)))
+    const lists = await Promise.all(chosen().map(flight =>
+      get(`/api/flights/${encodeURIComponent(flight.id)}`, signal)))
     const common = lists[0].signals.filter(name => lists[1].signals.includes(name))
     if (!common.length) {
       picker.replaceChildren(remark('note', h('p', {}, 'These flights have no signal in common; their pages say why.')))
       return place.replaceChildren()
     }
     const first = common.includes('alpha') ? 'alpha' : common[0]
-    picker.replaceChildren(field('Signal', choice(query, 's', first, common.map(name => [name, signalName(name)]), draw)))
+    picker.replaceChildren(field('Signal',
+      choice(query, 's', first, common.map(name => [name, signalName(name)]), draw)))
     return draw()
   }
   const mine = flights.find(flight => flight.id === query.get('a')) ?? flights[0]
@@ -130,7 +137,8 @@ function signalSection(page, found, query, signal) {
     selects.forEach((list, index) => {
       const now = chosen()[index]
       const offered = [now, ...matching.filter(one => one.id !== now.id)]
-      list.replaceChildren(...offered.map(one => h('option', { value: one.id, selected: one === now }, flightTitle(one))))
+      list.replaceChildren(...offered.map(one =>
+        h('option', { value: one.id, selected: one === now }, flightTitle(one))))
     })
   }
   page.append(...(found.next ? [flightSearch(offer, signal)] : []), h('div', { class: 'pair' },
@@ -140,7 +148,8 @@ function signalSection(page, found, query, signal) {
 
 async function overlay(flights, name, signal) {
   const answers = await Promise.all(flights.map(flight =>
-    get(`/api/flights/${encodeURIComponent(flight.id)}/signals?names=${encodeURIComponent(name)}&points=${POINTS}`, signal)))
+    get(`/api/flights/${encodeURIComponent(flight.id)}/signals?names=${encodeURIComponent(name)}&points=${POINTS}`,
+      signal)))
   const [unit, factor] = shownUnit(answers[0].signals[name].unit)
   const figure = await plot({ x: 'time from the start of each flight, s', y: unit, height: 320 })
   for (const [index, answer] of answers.entries()) {

@@ -45,8 +45,10 @@ export function discrepancy(page, result, summary, signal) {
       h('span', { id: 'model-download' })),
     result.effects.length && h('h2', {}, 'Effects'), effects(result),
     h('h2', {}, 'The gap'), h('p', {}, 'The gap of an output is the rms of measured minus free-running simulation, '
-      + 'in times of its noise floor: at 1 nothing is left to explain. Coefficients fitted again without an effect are the '
-      + 'likeliest from sample to sample, and may simulate five seconds worse than those given.'), bars, ...gapTables(result),
+      + 'in times of its noise floor: at 1 nothing is left to explain. Coefficients fitted again without an effect '
+      + 'are the '
+      + 'likeliest from sample to sample, and may simulate five seconds worse than those given.'), bars,
+      ...gapTables(result),
     h('h2', {}, 'Measured and simulated'), simulated(result.series, signal),
     h('h2', {}, 'Where it disagrees'), ...where(result, signal),
     ...why(result),
@@ -70,8 +72,10 @@ function effects(result) {
     result.effects.map(one => [
       h('span', {}, h('code', {}, one.name), one.title ? ` (${one.title})` : ''),
       probability(one.probability),
-      Object.entries(one.parameters ?? {}).map(([name, entry]) => h('div', {}, h('code', {}, name), ` ${plusMinus(entry)}`)),
-      one.alternatives.length ? one.alternatives.map(other => h('div', {}, `${other.name}, ${probability(other.probability)}`))
+      Object.entries(one.parameters ?? {}).map(([name, entry]) =>
+        h('div', {}, h('code', {}, name), ` ${plusMinus(entry)}`)),
+      one.alternatives.length
+        ? one.alternatives.map(other => h('div', {}, `${other.name}, ${probability(other.probability)}`))
         : 'nothing else',
       separation(one),
     ]))
@@ -84,11 +88,13 @@ const stages = (gap, verdict) => Object.keys(STAGES).filter(stage => gap[stage]
 function gapTables({ gap, verdict }) {
   return Object.entries(gap).filter(([, one]) => one?.noise_floor).map(([use, one]) => h('details', { class: 'panel' },
     h('summary', {}, `${USES[use] ?? use}: the numbers`),
-    table(`Gap of each output. ${USES[use] ?? use}`, ['Output', 'Unit', ...stages(one, verdict).map(s => STAGES[s]), 'Noise floor'],
+    table(`Gap of each output. ${USES[use] ?? use}`,
+      ['Output', 'Unit', ...stages(one, verdict).map(s => STAGES[s]), 'Noise floor'],
       Object.keys(one.noise_floor).map(name => {
         const [unit, factor] = shownUnit(UNITS[name])
         const cell = value => Number.isFinite(value) ? number(value * factor) : NONE
-        return [signalName(name), unit, ...stages(one, verdict).map(s => cell(one[s][name])), cell(one.noise_floor[name])]
+        return [signalName(name), unit, ...stages(one, verdict).map(s => cell(one[s][name])),
+          cell(one.noise_floor[name])]
       }))))
 }
 
@@ -100,15 +106,18 @@ async function gapBars(place, { gap, verdict }, signal) {
     const drawn = stages(one, verdict)
     const ratio = (stage, name) => Number.isFinite(one[stage][name]) ? one[stage][name] / one.noise_floor[name] : null
     const most = Math.max(2, ...drawn.flatMap(stage => names.map(name => ratio(stage, name) ?? 0)))
-    const figure = await plot({ y: 'gap / noise floor', height: 300, yLog: true, yRange: new Bokeh.Range1d({ start: 0.3, end: 1.6 * most }),
+    const figure = await plot({ y: 'gap / noise floor', height: 300, yLog: true,
+      yRange: new Bokeh.Range1d({ start: 0.3, end: 1.6 * most }),
       xRange: new Bokeh.FactorRange({ factors: names, range_padding: 0.05 }) })
     const width = 0.8 / drawn.length
     for (const [index, stage] of drawn.entries()) {
       const data = new Bokeh.ColumnDataSource({ data: {
-        at: names.map(name => [name, (index - (drawn.length - 1) / 2) * width]), top: names.map(name => ratio(stage, name) ?? NaN),
+        at: names.map(name => [name, (index - (drawn.length - 1) / 2) * width]),
+        top: names.map(name => ratio(stage, name) ?? NaN),
       } })
       figure.vbar({ x: { field: 'at' }, top: { field: 'top' }, bottom: 0.01, width: 0.9 * width, source: data,
-        fill_color: COLOURS[ORDER.indexOf(stage)], line_color: BLACK, hatch_pattern: { given: ' ', before: '/', after: '.' }[stage],
+        fill_color: COLOURS[ORDER.indexOf(stage)], line_color: BLACK,
+        hatch_pattern: { given: ' ', before: '/', after: '.' }[stage],
         hatch_color: '#fff', legend_label: STAGES[stage] })
     }
     await level(figure, 1)
@@ -145,7 +154,8 @@ async function simulations(flight, name, signal) {
   const measured = scaled.measured.filter(v => v !== null)
   const [low, high] = [Math.min(...measured), Math.max(...measured)]
   const margin = 0.6 * Math.max(high - low, 1e-9)
-  const figure = await plot({ x: 'time, s', y: `${signalName(name)}, ${unit}`, height: 260, yRange: [low - margin, high + margin] })
+  const figure = await plot({ x: 'time, s', y: `${signalName(name)}, ${unit}`, height: 260,
+    yRange: [low - margin, high + margin] })
   figure.line({ field: 'time' }, { field: 'measured' },
     { source: data, line_color: BLACK, line_alpha: 0.35, line_width: 7, legend_label: 'measured' })
   for (const key of drawn.slice(1)) line(figure, data, 'time', key, ORDER.indexOf(key), STAGES[key], 3)
@@ -159,18 +169,22 @@ function where(result, signal) {
   const plots = h('div', { class: 'plots' })
   curvePlots(plots, result.where, signal)
   return [
-    table('Axes that disagree, and the variable that explains it', ['Axis', 'Variable', 'Share of the axis’ gap', 'Chance'],
-      result.where.map(one => [h('code', {}, one.axis), signalName(one.variable), percent(one.share), chance(one.p_value)])),
+    table('Axes that disagree, and the variable that explains it',
+      ['Axis', 'Variable', 'Share of the axis’ gap', 'Chance'],
+      result.where.map(one =>
+        [h('code', {}, one.axis), signalName(one.variable), percent(one.share), chance(one.p_value)])),
     plots,
   ]
 }
 
 async function curvePlots(place, list, signal) {
   for (const one of list.filter(entry => entry.curve?.length)) {
-    const figure = await plot({ x: [signalName(one.variable), VARIABLES[one.variable]].filter(Boolean).join(', '), y: `residual of ${one.axis}`, height: 200 })
+    const figure = await plot({ x: [signalName(one.variable), VARIABLES[one.variable]].filter(Boolean).join(', '),
+      y: `residual of ${one.axis}`, height: 200 })
     const data = await source({
       x: one.curve.map(point => point.value), y: one.curve.map(point => point.residual),
-      low: one.curve.map(point => point.residual - 1.96 * point.std), high: one.curve.map(point => point.residual + 1.96 * point.std),
+      low: one.curve.map(point => point.residual - 1.96 * point.std),
+      high: one.curve.map(point => point.residual + 1.96 * point.std),
     })
     band(figure, data, 'x', 'low', 'high')
     line(figure, data, 'x', 'y', 0)

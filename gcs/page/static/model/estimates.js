@@ -29,11 +29,13 @@ export function bars(entries, from0 = true) {
     const marks = [svg('circle', { cx: at(entry.value), cy: y, r: 4, class: `dot${index}` })]
     if (ends) {
       const [left, right] = ends.map(at)
-      marks.push(svg('path', { class: `bar${index}`, d: `M${left} ${y}H${right}M${left} ${y - 5}v10M${right} ${y - 5}v10` }))
+      marks.push(svg('path',
+        { class: `bar${index}`, d: `M${left} ${y}H${right}M${left} ${y - 5}v10M${right} ${y - 5}v10` }))
     }
     return marks
   })
-  return svg('svg', { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, width: WIDTH, height: HEIGHT, 'aria-hidden': 'true', class: 'bars' },
+  return svg('svg',
+    { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, width: WIDTH, height: HEIGHT, 'aria-hidden': 'true', class: 'bars' },
     from0 && svg('path', { class: 'zero', d: `M${at(0)} 0V${HEIGHT}` }), ...rows.flat())
 }
 
@@ -45,11 +47,14 @@ const between = entry => {
 /** Every coefficient estimated, with 95 % interval, relative and systematic error. */
 export function coefficientTable(model) {
   const head = ['Coefficient', 'Value ± 1 σ', '95 % interval', '0 and the interval', 'Relative σ', 'Systematic']
-  return table('Coefficients. σ is statistical, given the vehicle file; systematic is what likely errors of that file add',
+  return table('Coefficients. σ is statistical, given the vehicle file; systematic is what likely errors of that file '
+    + 'add',
     head, estimated(model).map(([name, entry]) => {
       // What the vehicle file states of its own errors is in σ already.
-      const moved = Object.entries(entry.systematic ?? {}).filter(([cause, value]) => !cause.endsWith('_std') && Number.isFinite(value)).map(([, value]) => value)
-      return [h('span', {}, h('code', {}, name), h('small', { class: 'meaning' }, meaning(name))), plusMinus(entry), between(entry), bars([entry]),
+      const moved = Object.entries(entry.systematic ?? {}).filter(([cause, value]) =>
+        !cause.endsWith('_std') && Number.isFinite(value)).map(([, value]) => value)
+      return [h('span', {}, h('code', {}, name), h('small', { class: 'meaning' }, meaning(name))), plusMinus(entry),
+        between(entry), bars([entry]),
         entry.std && entry.value ? percent(entry.std / Math.abs(entry.value)) : NONE,
         moved.length ? number(Math.hypot(...moved), 2) : NONE]
     }), true)
@@ -68,4 +73,5 @@ export const sensorTable = errors => table(
 /** What was refused, why, and what to fly. */
 export const refusedTable = refused => table('Refused: not identifiable from this flight',
   ['Name', 'Reason', 'Manoeuvre that would identify it'],
-  refused.map(one => [h('span', {}, h('code', {}, one.name), h('small', { class: 'meaning' }, meaning(one.name))), one.reason, one.manoeuvre || NONE]), true)
+  refused.map(one => [h('span', {}, h('code', {}, one.name), h('small', { class: 'meaning' }, meaning(one.name))),
+    one.reason, one.manoeuvre || NONE]), true)

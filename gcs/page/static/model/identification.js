@@ -38,7 +38,8 @@ export function identification(page, result, summary, signal) {
     h('h2', {}, 'Validation'),
     ...there(found ? table(`Figures of merit on ${found.flights.join(', ')}`,
       ['Output', ...Object.values(SCORES)], Object.entries(found.outputs).map(([name, entry]) =>
-        [h('code', {}, name), ...Object.keys(SCORES).map(key => key === 'gaussian_p' ? chance(entry[key], 3) : number(entry[key]))])) : null),
+        [h('code', {}, name), ...Object.keys(SCORES).map(key =>
+          key === 'gaussian_p' ? chance(entry[key], 3) : number(entry[key]))])) : null),
     h('h2', {}, 'Measured and predicted'), residuals(result.series, signal),
     h('h2', {}, 'Modes'), ...there(modes(result.modes)),
     h('h2', {}, 'How it was made'), ...there(segments(result)),
@@ -51,12 +52,17 @@ export function identification(page, result, summary, signal) {
 async function planned(place, id, signal) {
   const plan = await getIfThere(`/api/flights/${id}/planned`, signal)
   if (!plan) return
-  const times = ({ expected_std: expected, reached_std: reached }) => expected > 0 && reached > 0 ? `${number(reached / expected, 2)} times` : NONE
+  const times = ({ expected_std: expected, reached_std: reached }) =>
+    expected > 0 && reached > 0 ? `${number(reached / expected, 2)} times` : NONE
   place.append(h('details', {}, h('summary', {}, 'Planned and reached'),
-    h('p', {}, 'Planned on ', utc(plan.made), ' behind flight ', h('a', { href: `#/flights/${encodeURIComponent(plan.flight)}/plan` }, plan.flight),
-      `, for ${plan.gusts ? `turbulence of ${number(plan.gusts)} m/s` : 'calm air'}. More than planned: rougher air, smaller deflections, or sensors with more noise than the vehicle file says.`),
-    table('Standard errors', ['Coefficient', 'Planned ±', 'Reached ±', 'Reached over planned'], plan.coefficients.map(one => [
-      h('code', {}, one.name), number(one.expected_std, 2), one.reached_std === null ? 'not identified' : number(one.reached_std, 2), times(one)]))))
+    h('p', {}, 'Planned on ', utc(plan.made), ' behind flight ',
+      h('a', { href: `#/flights/${encodeURIComponent(plan.flight)}/plan` }, plan.flight),
+      `, for ${plan.gusts ? `turbulence of ${number(plan.gusts)} m/s` : 'calm air'}. More than planned: rougher air, `
+        + `smaller deflections, or sensors with more noise than the vehicle file says.`),
+    table('Standard errors', ['Coefficient', 'Planned ±', 'Reached ±', 'Reached over planned'],
+      plan.coefficients.map(one => [
+        h('code', {}, one.name), number(one.expected_std, 2),
+        one.reached_std === null ? 'not identified' : number(one.reached_std, 2), times(one)]))))
 }
 
 /** Put the download of the newest model of that flight and kind in a place. */
@@ -142,7 +148,8 @@ async function curves(series, name, signal) {
   for (const { flight, axes } of series.flights.filter(one => one.axes[name])) {
     const entry = broken(axes[name])
     const data = await source(entry)
-    const left = await source({ time_s: entry.time_s, residual: entry.measured.map((v, i) => v === null ? null : v - entry.predicted[i]) })
+    const left = await source({ time_s: entry.time_s,
+      residual: entry.measured.map((v, i) => v === null ? null : v - entry.predicted[i]) })
     const both = await plot({ x: 'time, s', y: name, height: 260 })
     line(both, data, 'time_s', 'measured', 0, 'measured')
     line(both, data, 'time_s', 'predicted', 1, 'predicted')
@@ -185,11 +192,13 @@ async function autocorrelation({ autocorrelation: rho, lag_step_s: step, limit }
 async function histogram({ histogram: { low, high, counts }, mean, std }, name, signal) {
   const figure = await plot({ x: `residual of ${name}`, y: 'density', height: 180 })
   const [width, total] = [(high - low) / counts.length, counts.reduce((sum, n) => sum + n, 0)]
-  const data = await source({ middle: counts.map((_, i) => low + (i + 0.5) * width), top: counts.map(n => n / total / width) })
+  const data = await source({ middle: counts.map((_, i) => low + (i + 0.5) * width),
+    top: counts.map(n => n / total / width) })
   figure.vbar({ x: { field: 'middle' }, top: { field: 'top' }, width: 0.9 * width, source: data,
     fill_color: BLUE, line_color: null })
   const x = Array.from({ length: 101 }, (_, i) => low + (high - low) * i / 100)
-  const normal = await source(gaps({ x, y: x.map(v => Math.exp(-0.5 * ((v - mean) / std) ** 2) / std / Math.sqrt(2 * Math.PI)) }))
+  const normal = await source(gaps({ x,
+    y: x.map(v => Math.exp(-0.5 * ((v - mean) / std) ** 2) / std / Math.sqrt(2 * Math.PI)) }))
   figure.line({ field: 'x' }, { field: 'y' }, { source: normal, line_color: RED, line_width: 3 })
   return shown(figure, `Distribution of the residual of ${name}; line: the normal density of its mean ${number(mean)} `
     + `and standard deviation ${number(std)}`, signal)

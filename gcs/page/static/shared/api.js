@@ -14,7 +14,10 @@ export const sentence = error => error instanceof Error ? error.message : String
 /** Whether something ended because nobody waits for it any more. @param {unknown} error whatever was thrown */
 export const aborted = error => error instanceof Error && error.name === 'AbortError'
 
-/** The status of the answer that is a problem; undefined of any other error. @param {unknown} error whatever was thrown */
+/**
+ * The status of the answer that is a problem; undefined of any other error.
+ * @param {unknown} error whatever was thrown
+ */
 export const statusOf = error => error instanceof Problem ? error.status : undefined
 
 /** The detail of an answer that is an error. */
@@ -47,7 +50,8 @@ export async function request(path, options = {}) {
 
 /** Parameters of a request; numbers may stand among them, and what is empty is left out. */
 export const asking = parameters => new URLSearchParams(Object.entries(parameters)
-  .filter(([, value]) => value !== '' && value !== null && value !== undefined).map(([name, value]) => [name, String(value)]))
+  .filter(([, value]) => value !== '' && value !== null && value !== undefined).map(([name, value]) =>
+    [name, String(value)]))
 
 export const get = async (path, signal) => (await request(path, { signal })).json()
 

@@ -30,7 +30,8 @@ let numbered = 0
 export const newId = stem => `${stem}-${++numbered}`
 
 /**
- * A table with a caption; cells are texts or nodes, the first of each row is its heading. Scrolls sideways if wide; on a
+ * A table with a caption; cells are texts or nodes, the first of each row is its heading. Scrolls sideways if wide; on
+ * a
  * phone the cells of a row stand below one another instead where `wraps`.
  */
 export function table(caption, head, rows, wraps = false) {
@@ -41,7 +42,8 @@ export function table(caption, head, rows, wraps = false) {
       h('caption', { id: title }, caption),
       h('thead', {}, h('tr', {}, head.map(text => h('th', { scope: 'col' }, text)))),
       h('tbody', {}, rows.map(([first, ...others]) =>
-        h('tr', {}, h('th', { scope: 'row' }, first), others.map((cell, at) => h('td', { 'data-heading': wraps ? head[at + 1] : null }, cell)))))))
+        h('tr', {}, h('th', { scope: 'row' }, first),
+          others.map((cell, at) => h('td', { 'data-heading': wraps ? head[at + 1] : null }, cell)))))))
 }
 
 /** A list, or nothing of nothing. */

@@ -34,8 +34,9 @@ export function estimate(value, std) {
 }
 
 /** value ± standard error, both to the same decimals. */
-export const plusMinus = entry => entry.std > 0 ? `${estimate(entry.value, entry.std)}\u00a0±\u00a0${estimate(entry.std, entry.std)}`
-  : number(entry.value, 4)
+export const plusMinus = entry =>
+  entry.std > 0 ? `${estimate(entry.value, entry.std)}\u00a0±\u00a0${estimate(entry.std, entry.std)}`
+    : number(entry.value, 4)
 
 /** The 95 % interval of an estimate; null where it has none. */
 export function interval(entry) {
@@ -44,7 +45,8 @@ export function interval(entry) {
 }
 
 /** A p value; what underflow left as zero is below what can be shown. */
-export const chance = (value, digits = 2) => Number.isFinite(value) && value < 1e-300 ? 'below 10⁻³⁰⁰' : number(value, digits)
+export const chance = (value, digits = 2) =>
+  Number.isFinite(value) && value < 1e-300 ? 'below 10⁻³⁰⁰' : number(value, digits)
 
 /** A probability, certain to no more digits than it is. */
 export const probability = share => share > 0.999 ? 'over 99.9 %' : percent(share)
@@ -61,7 +63,8 @@ export function duration(seconds) {
 }
 
 /** Bytes as kB, MB or GB. */
-export const size = bytes => bytes >= 1e9 ? `${number(bytes / 1e9)} GB` : bytes >= 1e6 ? `${number(bytes / 1e6)} MB` : `${number(bytes / 1e3)} kB`
+export const size = bytes =>
+  bytes >= 1e9 ? `${number(bytes / 1e9)} GB` : bytes >= 1e6 ? `${number(bytes / 1e6)} MB` : `${number(bytes / 1e3)} kB`
 
 /** 2026-11-22T09:09:50.942Z as 2026-11-22 09:09:50. */
 export const utc = text => text && text >= '2000' ? text.slice(0, 19).replace('T', ' ') : NONE

@@ -45,13 +45,15 @@ function list() {
   shown.showModal()
 }
 
-const typing = target => target instanceof HTMLElement && (target.matches('input:not([type=checkbox]), textarea, select') || target.isContentEditable)
+const typing = target => target instanceof HTMLElement
+  && (target.matches('input:not([type=checkbox]), textarea, select') || target.isContentEditable)
 
 /** Listen for keys from here on, and give the button at the bottom of the page its list. */
 export function listen(button) {
   button.addEventListener('click', list)
   document.addEventListener('keydown', event => {
-    if (event.repeat || kept(OFF) === 'yes' || event.ctrlKey || event.metaKey || event.altKey || typing(event.target)) return
+    if (event.repeat || kept(OFF) === 'yes' || event.ctrlKey || event.metaKey || event.altKey || typing(event.target))
+      return
     const found = KEYS.find(([key]) => key === event.key)
     if (!found || (shown && found[0] !== '?')) return
     event.preventDefault()

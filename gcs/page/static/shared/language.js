@@ -1,5 +1,7 @@
-// The page in another language. Texts are put in where they stand in the document, so that no view knows of it: a catalogue
-// gives for each English text the other one, {} standing for what changes, {t} where that is a text of the page too. What no catalogue has stays English.
+// The page in another language. Texts are put in where they stand in the document, so that no view knows of it: a
+// catalogue
+// gives for each English text the other one, {} standing for what changes, {t} where that is a text of the page too.
+// What no catalogue has stays English.
 
 import { keep, kept } from './kept.js'
 
@@ -106,7 +108,8 @@ export async function translate() {
       else if (change.type === 'characterData') put(change.target)
       else change.addedNodes.forEach(put)
     }
-  }).observe(document.documentElement, { subtree: true, childList: true, characterData: true, attributes: true, attributeFilter: ATTRIBUTES })
+  }).observe(document.documentElement,
+  { subtree: true, childList: true, characterData: true, attributes: true, attributeFilter: ATTRIBUTES })
 }
 
 /** The choice at the bottom of the page. */

@@ -2,7 +2,8 @@
 
 import { h } from './dom.js'
 
-export const BLUE = '#0b4fc4', RED = '#b3261e', GREEN = '#00695c', ORANGE = '#b45309', PURPLE = '#6a1b9a', BLACK = '#000'
+export const BLUE = '#0b4fc4', RED = '#b3261e', GREEN = '#00695c', ORANGE = '#b45309', PURPLE = '#6a1b9a',
+  BLACK = '#000'
 export const COLOURS = [BLUE, RED, GREEN, ORANGE, PURPLE, BLACK]
 const AXIS = {
   axis_label_text_font_size: '15px', axis_label_text_font_style: 'normal', axis_label_text_color: BLACK,
@@ -46,7 +47,8 @@ export async function plot(options) {
     height: options.height ?? 220, sizing_mode: 'stretch_width', toolbar_location: null, min_width: 200,
     tools: fine ? 'xbox_zoom' : '', x_axis_label: options.x ?? '', y_axis_label: options.y ?? '',
     ...(options.xRange ? { x_range: options.xRange } : {}), ...(options.yRange ? { y_range: options.yRange } : {}),
-    ...(options.xLog ? { x_axis_type: 'log' } : {}), ...(options.yLog ? { y_axis_type: 'log' } : {}), min_border_right: 12, min_border_left: 74,
+    ...(options.xLog ? { x_axis_type: 'log' } : {}), ...(options.yLog ? { y_axis_type: 'log' } : {}),
+    min_border_right: 12, min_border_left: 74,
   })
   for (const axis of [...figure.xaxes, ...figure.yaxes]) Object.assign(axis, AXIS)
   if (options.counted) {
@@ -89,10 +91,12 @@ export const gaps = columns => Object.fromEntries(Object.entries(columns).map(([
  * @param {number} [width]
  * @param {{ name: string } | null} [axis] a further one that it goes by
  */
-export const line = (figure, data, x, y, index, legend, width = 2.5, axis = null) => figure.line({ field: x }, { field: y }, {
-  source: data, ...(axis ? { y_range_name: axis.name } : {}), line_color: COLOURS[index % 6], line_width: width, line_dash: DASHES[index % 6],
-  ...(legend ? { legend_label: legend } : {}),
-})
+export const line = (figure, data, x, y, index, legend, width = 2.5, axis = null) =>
+  figure.line({ field: x }, { field: y }, {
+    source: data, ...(axis ? { y_range_name: axis.name } : {}), line_color: COLOURS[index % 6], line_width: width,
+    line_dash: DASHES[index % 6],
+    ...(legend ? { legend_label: legend } : {}),
+  })
 
 /** A band between two columns. */
 export const band = (figure, data, x, low, high, colour = BLUE) => figure.varea({

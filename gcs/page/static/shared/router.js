@@ -18,7 +18,9 @@ export function keepQuery(query) {
   history.replaceState(null, '', `${path || '#/live'}?${query}`)
 }
 
-/** Show the views. views: by the first part of the address, functions (page, parts, query, signal) that fill the page. */
+/**
+ * Show the views. views: by the first part of the address, functions (page, parts, query, signal) that fill the page.
+ */
 export function start(views, fallback) {
   const show = () => render(views, fallback)
   window.addEventListener('hashchange', show)
@@ -86,6 +88,7 @@ function tokenForm(again) {
   },
   refused,
   field('Token of the ground station', input,
-    'Whoever runs the station makes one with gcs token add, or set it as GCS_TOKEN. This browser keeps it for 30 days.'),
+    'Whoever runs the station makes one with gcs token add, or set it as GCS_TOKEN. This browser keeps it for 30 '
+      + 'days.'),
   h('button', { class: 'main' }, 'Open'))
 }

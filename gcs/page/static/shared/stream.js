@@ -1,4 +1,5 @@
-// Server-sent events over fetch, since EventSource says nothing of why it ended; a lost connection is reported and made again.
+// Server-sent events over fetch, since EventSource says nothing of why it ended; a lost connection is reported and made
+// again.
 
 import { request, sentence, statusOf } from './api.js'
 
