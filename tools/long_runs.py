@@ -99,6 +99,13 @@ CAMPAIGNS = {
         "how true identification is to another engine",
         "40 flights of each scenario; what is there is kept",
     ),
+    "methods": LongRun(
+        "tests/campaign/methods.py",
+        "whether ee, oe, fe and map agree with each other and with the truth",
+        "60 flights of another engine, a quarter of a minute each; what is there is kept",
+        {"METHODS": "", "FLIGHTS": "", "FIRST": ""},
+        hint="less of it: FLIGHTS=12 METHODS=ee,map; FIRST=60: other flights",
+    ),
     "jsbsim-effects": LongRun(
         "tests/campaign/effects_in_jsbsim.py",
         "whether effects are named that another engine flies",

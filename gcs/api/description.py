@@ -11,6 +11,7 @@ from gcs.api.security import COOKIE, OPEN_PATHS
 _PROBLEM = {"application/problem+json": {"schema": {"$ref": "#/components/schemas/Problem"}}}
 _METHODS = ("get", "post", "put", "patch", "delete")
 _NO_JSON = "The body is no JSON"
+_TOO_LARGE = "The body has more bytes, values or levels than are taken here"
 _REFUSED = {
     "401": "A token is asked for, and none or a wrong one came",
     "403": "The token's role may not do this, or a page of another site asks",
@@ -43,6 +44,7 @@ def _with_problems(schema: dict[str, Any]) -> dict[str, Any]:
             responses = path[method]["responses"]
             if "requestBody" in path[method]:
                 responses.setdefault("400", {"description": _NO_JSON})
+                responses.setdefault("413", {"description": _TOO_LARGE})
             if name not in OPEN_PATHS:
                 path[method]["security"] = [{scheme: []} for scheme in _SCHEMES]
             for status in ("403",) if name in OPEN_PATHS else _REFUSED:

@@ -16,6 +16,7 @@ from sysid.equation_error.dead_surfaces import frozen_commands
 from sysid.errors import DivergedError, EstimationError, SysidError
 from sysid.identification.equation_error import EquationEstimate, estimate_by_equations
 from sysid.identification.linear_model import LinearModel
+from sysid.identification.moving_surfaces import with_surfaces_as_they_moved
 from sysid.identification.output_or_filter_error import MaximumLikelihood, maximum_likelihood
 from sysid.identification.output_or_filter_error import systematic as systematic_effects
 from sysid.identification.repaired_flight import FlightsRead, has_whole_imu, read_flights
@@ -200,19 +201,23 @@ def _identify_by_classical_method(
     asked: Request, method: str, read: FlightsRead, known: CompatibilityResult | None = None
 ) -> Identification:
     """`identify` with equation error, output error or filter error. known: the flights' data compatibility."""
-    vehicle, progress = asked.vehicle, asked.progress
-    prepared = [one.as_measured(vehicle, asked.start_s, asked.stop_s) for one in read.fitted]
+    prepared = [one.as_measured(asked.vehicle, asked.start_s, asked.stop_s) for one in read.fitted]
     require_thrust(prepared)
-    posed = _pose(asked, prepared, known if all(one.whole for one in read.fitted) else None)
+    asked.progress(0.10, "data compatibility")
+    compatible = known if known is not None and all(one.whole for one in read.fitted) else check_compatibility(prepared)
+    span = (asked.start_s, asked.stop_s)
+    if (moving := with_surfaces_as_they_moved(read, asked.vehicle, span, prepared, compatible)) is not None:
+        prepared, compatible, asked = moving.prepared, moving.compatible, replace(asked, vehicle=moving.vehicle)
+    vehicle, progress = asked.vehicle, asked.progress
+    posed = _pose(asked, prepared, compatible)
     found = _by_equations(posed) if method == "ee" else _by_likelihood(posed, _likeliest(posed, method))
-    compatible = posed.compatible
     worth = flights_quality([one.signals for one in read.fitted], prepared, vehicle, compatible.gust_sigma)
     model, refused = withheld(found.model, found.refused, worth, asked.prior)
     found = replace(found, model=model, refused=refused)
     mistakes = read.mistakes()
     sentences = [one.sentence for one in mistakes]
     progress(0.88, "validation" if asked.validate_on else "comparison with the measurement")
-    judges = [one.as_measured(vehicle) for one in read.judges]
+    judges = [one.as_measured(vehicle, anew=moving is not None) for one in read.judges]
     compared = comparison(judges or prepared, vehicle, found.model, found.errors, posed.problem.command_first)
     validation = validation_of(compared) if judges else None
     likeliest = found.likeliest
@@ -308,12 +313,8 @@ class _ClassicalResult:
     equations: EquationEstimate | None = None
 
 
-def _pose(asked: Request, prepared: Sequence[Prepared], compatible: CompatibilityResult | None) -> _ClassicalProblem:
-    """compatible: what the data compatibility of the prepared flights is known to be."""
+def _pose(asked: Request, prepared: Sequence[Prepared], compatible: CompatibilityResult) -> _ClassicalProblem:
     vehicle, progress, structure = asked.vehicle, asked.progress, asked.structure
-    progress(0.10, "data compatibility")
-    if compatible is None:
-        compatible = check_compatibility(prepared)
     warnings = [w for flight in prepared for w in flight.warnings] + list(compatible.warnings)
     warnings += unmeasured_thrust(prepared)
     # In rough air velocity over ground holds the gusts too, which the estimate in still air does not know.

@@ -40,10 +40,12 @@ class RepairedFlight:
     whole: bool
     airspeed_std: float = 0.0
 
-    def as_measured(self, vehicle: Vehicle, start_s: float | None = None, stop_s: float | None = None) -> Prepared:
+    def as_measured(
+        self, vehicle: Vehicle, start_s: float | None = None, stop_s: float | None = None, anew: bool = False
+    ) -> Prepared:
         """The flight prepared with the gaps that it has, for methods that take every sample for a measurement.
 
-        Raises SysidError where no part of it is flight.
+        anew: for a vehicle that is not the one it was repaired for. Raises SysidError where no part of it is flight.
         """
         if self.doubt is not None:
             raise self.doubt
@@ -52,7 +54,7 @@ class RepairedFlight:
                 f"{self.signals.name}: the airspeed repeats one value: its sensor is dead or not connected;"
                 " --method map does without it"
             )
-        if self.whole:
+        if self.whole and not anew:
             return self.prepared
         try:
             return prepare(self.signals, vehicle, start_s, stop_s)

@@ -41,7 +41,7 @@ def test_no_page_fetches_anything_from_outside(site: Path) -> None:
 
 
 def test_equations_are_set(site: Path) -> None:
-    methods = (site / "methods.html").read_text(encoding="utf-8")
+    methods = (site / "explanation" / "methods.html").read_text(encoding="utf-8")
     assert methods.count("<math ") >= 4
     assert methods.count("<mtr>") == 5  # three lines of kinematics, two of coefficients
     assert "arithmatex" not in methods
@@ -61,7 +61,7 @@ def test_the_reference_holds_every_command_address_effect_and_module(site: Path)
     assert {"/api/health", "/api/flights/{flight_id}/identification"} <= set(schema["paths"])
     for path in schema["paths"]:
         assert path in rest
-    effects = (site / "effects.html").read_text(encoding="utf-8")
+    effects = (site / "reference" / "effects.html").read_text(encoding="utf-8")
     assert all(f"<code>{name}</code>" in effects for name in EFFECTS)
     python = (site / "reference" / "python" / "sysid.identification.identify.html").read_text(encoding="utf-8")
     assert "sysid.identification.identify.identify" in python

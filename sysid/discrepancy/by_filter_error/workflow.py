@@ -46,6 +46,7 @@ from sysid.discrepancy.naming_rule import Judgement
 from sysid.errors import EstimationError, SysidError
 from sysid.filter_error.estimation import build_filter
 from sysid.filter_error.estimator import FilterErrorResult
+from sysid.identification.moving_surfaces import with_surfaces_as_they_moved
 from sysid.identification.repaired_flight import FlightsRead
 from sysid.numerics.dryden import Turbulence
 from sysid.output_error.from_problem import fit
@@ -62,10 +63,14 @@ def compare(asked: Asked, read: FlightsRead, propose: Callable[[], Sequence[Name
     """
     progress, vehicle, model = asked.progress, asked.vehicle, asked.model
     prepared = [one.as_measured(vehicle, asked.start_s, asked.stop_s) for one in read.fitted]
-    held_out = [one.as_measured(vehicle) for one in read.judges]
-    require_thrust([*prepared, *held_out])
     progress(0.08, "data compatibility")
-    used = Flights(prepared, check_compatibility(prepared), vehicle, progress)
+    compatible, span = check_compatibility(prepared), (asked.start_s, asked.stop_s)
+    moving = with_surfaces_as_they_moved(read, vehicle, span, prepared, compatible)
+    if moving is not None:
+        prepared, compatible, vehicle = moving.prepared, moving.compatible, moving.vehicle
+    held_out = [one.as_measured(vehicle, anew=moving is not None) for one in read.judges]
+    require_thrust([*prepared, *held_out])
+    used = Flights(prepared, compatible, vehicle, progress)
     base = fitted_again(used, model, asked.ruled_out)
     search = _searched(used, base)
     settle_names(search)
