@@ -32,7 +32,7 @@ check: setup  ## lint, format, types and dead code
 test: check  ## everything but what `make interop` tests (16 min)
 	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
 
-test-fast: check  ## without whole flights and services, between two changes (2 min)
+test-fast: check  ## without whole flights and services, between two changes (a minute and a half)
 	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not whole_flight"
 
 $(VENV)/.docs: $(VENV)/.ready

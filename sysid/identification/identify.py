@@ -41,7 +41,7 @@ from sysid.quality.flight_rules import flights_quality
 from sysid.signal_check.fault import Mistake
 from sysid.signals.flight import FlightSignals
 from sysid.signals.preparation import MAX_STRETCH_S, Prepared, require_thrust, unmeasured_thrust
-from sysid.signals.record import SURFACES
+from sysid.signals.record import SURFACES, has_positions
 from sysid.signals.sensor_errors import SENSOR_ERRORS
 from sysid.uncertainty.bench_errors import bench_errors
 from sysid.uncertainty.reconstruction_errors import held_errors
@@ -182,6 +182,9 @@ def _output_error_if_white(
         return None
     if books.likeliest is None or books.likeliest.left_over or _pulled(books):
         return None
+    # Where surfaces were between samples is an estimate, a millisecond of which is more than these bars hold.
+    if not has_positions(asked.vehicle) and any(one.record.joined for one in books.flights[0].stretches):
+        return None
     return books
 
 
@@ -209,7 +212,7 @@ def _identify_by_classical_method(
     if (moving := with_surfaces_as_they_moved(read, asked.vehicle, span, prepared, compatible)) is not None:
         prepared, compatible, asked = moving.prepared, moving.compatible, replace(asked, vehicle=moving.vehicle)
     vehicle, progress = asked.vehicle, asked.progress
-    posed = _pose(asked, prepared, compatible)
+    posed = replace(_pose(asked, prepared, compatible), surfaces_inferred=moving is not None)
     found = _by_equations(posed) if method == "ee" else _by_likelihood(posed, _likeliest(posed, method))
     worth = flights_quality([one.signals for one in read.fitted], prepared, vehicle, compatible.gust_sigma)
     model, refused = withheld(found.model, found.refused, worth, asked.prior)
@@ -287,7 +290,8 @@ class _ClassicalProblem:
     """Prepared flights with the problem to solve.
 
     start: start values. names: coefficients that the flight moves. refused: those it does not. dead: surfaces that
-    were not recorded, and what was reported of them.
+    were not recorded, and what was reported of them. surfaces_inferred: whether it is the flight that says that
+    surfaces move between their samples.
     """
 
     asked: Request
@@ -299,6 +303,7 @@ class _ClassicalProblem:
     refused: list[Refusal]
     warnings: list[str]
     dead: Mapping[str, str]
+    surfaces_inferred: bool = False
 
 
 @dataclass(frozen=True)
@@ -360,10 +365,10 @@ def _likeliest(posed: _ClassicalProblem, method: str) -> MaximumLikelihood:
         # In longer runs: the filter follows what a free simulation would lose.
         longer = make_problem(posed.prepared, asked.vehicle, compatible, asked.sensors, MAX_STRETCH_S, dead=posed.dead)
         problem = replace(longer, known=problem.known)
+    from_bench = bench_errors(posed.prepared, asked.vehicle, posed.surfaces_inferred)
     return maximum_likelihood(
         problem, posed.start, posed.names, _free_effects(posed), compatible,
-        bench_errors(posed.prepared, asked.vehicle), held_errors(compatible, posed.problem), method, asked.sensors,
-        progress,
+        from_bench, held_errors(compatible, posed.problem), method, asked.sensors, progress,
     )  # fmt: skip
 
 

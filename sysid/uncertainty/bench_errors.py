@@ -36,6 +36,10 @@ from sysid.uncertainty.systematic import SHARE
 
 _OF_LINKAGE = ("_gain_std", "_bias_std")
 MEASURED = ("alpha", "beta", "airspeed")
+#: Where surfaces move between their samples: what is known at best of when they were where, s, by the whole
+#: milliseconds of a log's stamps; and how fast a small aircraft's fastest mode is, rad/s. An interval counts by its
+#: mean: to a mode of a rad/s what moves within it seems a dt^2 / 12 away from when it did.
+SURFACE_CLOCK, _STAMPS_STD_S, _FASTEST = "surface_clock", 5e-4, 30.0
 
 
 @dataclass(frozen=True)
@@ -50,8 +54,11 @@ class BenchError:
     record: Callable[[Record], Record]
 
 
-def bench_errors(prepared: Sequence[Prepared], vehicle: Vehicle) -> list[BenchError]:
-    """Every part of every bench error that the flights rest on."""
+def bench_errors(prepared: Sequence[Prepared], vehicle: Vehicle, surfaces_inferred: bool = False) -> list[BenchError]:
+    """Every part of every bench error that the flights rest on.
+
+    surfaces_inferred: whether it is the flight that says that surfaces move between their samples.
+    """
     found: list[BenchError] = []
     curves = {(name, flight.data.name): curve for flight in prepared for name, curve in flight.calibrations.items()}
     shares = {flight.data.name: flight.shares for flight in prepared}
@@ -66,7 +73,17 @@ def bench_errors(prepared: Sequence[Prepared], vehicle: Vehicle) -> list[BenchEr
             continue
         parts = max(len(curve.coefficients) for curve, _ in mine.values())
         found += [BenchError(name, _misread(output, mine, part, vehicle)) for part in range(parts)]
+    if surfaces_inferred:
+        found.append(BenchError(SURFACE_CLOCK, _late))
     return [*found, *linkage_errors(vehicle)]
+
+
+def _late(record: Record) -> Record:
+    """The record with its surfaces later by what is not known of when they were where."""
+    commands, dt = record.commands.copy(), record.interval_s
+    std, surfaces = float(np.hypot(_STAMPS_STD_S, _FASTEST * dt * dt / 12.0)), slice(0, len(SURFACES))
+    commands[:, surfaces] -= std * np.gradient(commands[:, surfaces], dt, axis=0)
+    return replace(record, commands=commands)
 
 
 def linkage_errors(vehicle: Vehicle) -> list[BenchError]:

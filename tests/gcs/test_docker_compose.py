@@ -21,6 +21,8 @@ from patience import PATIENCE_S
 from ruamel.yaml import YAML
 from traffic import wait_until
 
+pytestmark = pytest.mark.whole_flight
+
 ROOT = Path(__file__).resolve().parents[2]
 TOKEN = "token-of-the-compose-test"
 

@@ -5,6 +5,10 @@ from __future__ import annotations
 import subprocess
 import sys
 
+import pytest
+
+pytestmark = pytest.mark.whole_flight
+
 # Every module of ours, with POSIX's own refused to them (libraries bring their own for each system).
 SCRIPT = """
 import builtins, importlib, os, pkgutil

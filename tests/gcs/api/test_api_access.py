@@ -21,6 +21,8 @@ from gcs.access.token_file import TokenFile
 from gcs.cli import main
 from gcs.errors import SettingsError
 
+pytestmark = pytest.mark.whole_flight
+
 ROLES = ("viewer", "operator", "admin")
 # What is not: reading for viewers, anything else for operators. Written out once more on purpose.
 OPEN = {"GET /api/health", "GET /api/ready", "POST /api/login"}

@@ -8,6 +8,8 @@ from traffic import SECOND
 
 from gcs.catalogue.decimate import decimate
 
+pytestmark = pytest.mark.whole_flight
+
 
 def test_flights_come_in_pages_newest_first(bench: Bench, client: httpx.Client) -> None:
     made = [bench.record(system, 1, START + 60 * system * SECOND) for system in (1, 2, 3)]

@@ -12,6 +12,8 @@ from api_bench import START, Bench, problem
 from serving import serving
 from traffic import SECOND, wait_until
 
+pytestmark = pytest.mark.whole_flight
+
 
 @pytest.mark.parametrize(
     ("body", "told"),

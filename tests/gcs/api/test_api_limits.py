@@ -27,6 +27,8 @@ from gcs.api.connections import limited
 from gcs.jobs.uploads import Uploads
 from gcs.recording.storage import StorageOptions
 
+pytestmark = pytest.mark.whole_flight
+
 
 def ask(connection: socket.socket, path: str = "/api/health") -> bytes:
     """The first bytes of the answer to a request."""

@@ -26,6 +26,8 @@ from gcs.links.opening import UdpLink, open_link
 from gcs.recording.reader import Recording
 from gcs.station.station import RecordingStation
 
+pytestmark = pytest.mark.whole_flight
+
 
 def test_health_and_links(client: httpx.Client) -> None:
     health = client.get("/api/health").json()

@@ -16,6 +16,8 @@ from gcs.api import create_app
 from gcs.jobs.runner import JobRunner
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
 
+pytestmark = pytest.mark.whole_flight
+
 # Leaves in its result which aircraft it was given.
 WORKER = """
 import json, sys, tomllib

@@ -20,6 +20,8 @@ from gcs.api.page import router
 from gcs.api.security import Access, Guard
 from gcs.settings import Settings
 
+pytestmark = pytest.mark.whole_flight
+
 MOST_BYTES = 1_000_000
 MOST_MODULES = 16
 LONGEST_LINE = 120

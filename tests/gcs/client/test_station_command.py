@@ -10,6 +10,8 @@ from api_bench import START, TOKEN, Bench
 
 from gcs.cli import main
 
+pytestmark = pytest.mark.whole_flight
+
 
 @pytest.fixture
 def token_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:

@@ -19,6 +19,8 @@ from other_servers import Reply, answering, replying
 from gcs.client import AsyncStation, Station, StationError, operations
 from gcs.errors import SettingsError
 
+pytestmark = pytest.mark.whole_flight
+
 JOB = {
     **dict.fromkeys(("started_ns", "ended_ns", "cpu_s", "peak_bytes", "error"), None),
     **{"id": "a1", "flight_id": "f", "kind": "identify", "request": {}, "state": "running", "progress": 0.25},

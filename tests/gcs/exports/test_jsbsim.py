@@ -19,6 +19,8 @@ from sim_vehicle.flight.state import PlantState
 from sim_vehicle.model.model_file import Model
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 
+pytestmark = pytest.mark.whole_flight
+
 FT = 0.3048
 SLUG = 0.45359237 * 9.80665 / FT
 

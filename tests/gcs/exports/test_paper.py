@@ -18,6 +18,8 @@ from gcs.cli import main
 from gcs.exports.tables import latex_side_by_side
 from gcs.report.side_by_side import headings
 
+pytestmark = pytest.mark.whole_flight
+
 
 def result() -> dict[str, Any]:
     """A small result of an identification with everything that a figure is made of."""

@@ -27,6 +27,8 @@ from sim_vehicle.vehicle.controls import servo_pwm
 from sim_vehicle.vehicle.strict_toml import Known
 from sim_vehicle.vehicle.vehicle_file import Vehicle, load_vehicle
 
+pytestmark = pytest.mark.whole_flight
+
 PLANE = {
     f"SERVO{n}_{key}": value
     for n, function, turned in ((1, 4, 1), (2, 19, 1), (3, 70, 0), (4, 21, 1))

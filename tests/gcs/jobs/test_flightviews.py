@@ -21,6 +21,8 @@ from gcs.recording.writer import McapWriter
 from gcs.settings import Settings
 from sysid.signals.flight import Signal
 
+pytestmark = pytest.mark.whole_flight
+
 # The usual worker, which notes that it was started.
 COUNTING = "import sys; open({path!r}, 'a').write('x'); import gcs.jobs.viewworker as worker; sys.exit(worker.main())"
 GREEDY = """

@@ -19,6 +19,8 @@ from gcs.mavlink.dialect import Dialect
 from gcs.settings import Settings
 from gcs.station.recorder import FlightRecorder
 
+pytestmark = pytest.mark.whole_flight
+
 GOOD = """
 import json, sys, os
 order = json.loads(sys.stdin.readline())

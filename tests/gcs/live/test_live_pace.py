@@ -18,6 +18,8 @@ from sim_vehicle.cli.main import main as sim_vehicle
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.live.identifier import LiveIdentifier, LiveReport
 
+pytestmark = pytest.mark.whole_flight
+
 TURN = SECOND // 25  # as the live process looks for what has come
 REPORT = 0.4  # s of flight
 

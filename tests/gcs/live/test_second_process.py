@@ -9,6 +9,8 @@ import pytest
 
 from gcs.live.second_process import SecondProcess
 
+pytestmark = pytest.mark.whole_flight
+
 
 def test_results_and_errors_come_back_from_another_process() -> None:
     second = SecondProcess()

@@ -17,6 +17,8 @@ from gcs.station import boardfiles
 from gcs.station.recorder import FlightRecorder
 from gcs.station.station import RecordingStation
 
+pytestmark = pytest.mark.whole_flight
+
 PATH = "APM/scripts/flight_test.lua"
 SCRIPT = b"-- a plan\n" + bytes(range(256)) * 12  # not a multiple of what one message holds
 

@@ -6,6 +6,8 @@ from scipy import stats
 
 from gcs.vehicles.trends import Estimate, trend
 
+pytestmark = pytest.mark.whole_flight
+
 DAY = 86_400_000_000_000
 
 

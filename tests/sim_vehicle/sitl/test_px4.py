@@ -23,6 +23,8 @@ from sim_vehicle.sitl.physics import AutopilotFlight
 from sim_vehicle.sitl.px4_server import Px4Server
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
 
+pytestmark = pytest.mark.whole_flight
+
 VEHICLE, MODEL = load_vehicle("iitb-mav"), read_model("iitb-mav")
 GRAVITY = VEHICLE.environment.gravity
 Fly = Callable[..., tuple[Px4, Px4Server]]

@@ -22,6 +22,8 @@ from sim_vehicle.sitl.physics import AutopilotFlight
 from sim_vehicle.sitl.server import SitlServer
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
 
+pytestmark = pytest.mark.whole_flight
+
 VEHICLE, MODEL = load_vehicle("iitb-mav"), read_model("iitb-mav")
 GRAVITY = VEHICLE.environment.gravity
 Fly = Callable[..., tuple[Sitl, SitlServer]]

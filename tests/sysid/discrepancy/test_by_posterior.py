@@ -23,6 +23,8 @@ from sysid.discrepancy.by_posterior.group_fits import fresh_unknown, is_size
 from sysid.discrepancy.by_posterior.ideal_sensors import with_ideal_sensors
 from sysid.discrepancy.candidates import Candidate
 
+pytestmark = pytest.mark.whole_flight
+
 
 def test_a_stall_is_named_behind_servos_and_gusts_that_no_model_holds(tmp_path: Path) -> None:
     """Filter error names a servo's dead band, a vane's lag and a stall here, and takes all back."""

@@ -16,6 +16,8 @@ from sysid.identification.linear_model import RESPONSES, linearise
 from sysid.identification.measured_responses import averaged, measured_response
 from sysid.signals.preparation import prepare
 
+pytestmark = pytest.mark.whole_flight
+
 DT, SECONDS = 0.02, 200.0
 # A short-period mode's transfer function, and one of the first order.
 SECOND = ([3.0, 4.0], [1.0, 4.0, 25.0])

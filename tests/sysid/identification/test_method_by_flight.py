@@ -16,6 +16,8 @@ from sysid.identification import posterior_method
 from sysid.identification.result_file import result_json
 from sysid.identify import Identification, identify
 
+pytestmark = pytest.mark.whole_flight
+
 VEHICLE = load_vehicle("iitb-mav")
 
 

@@ -16,6 +16,8 @@ from sysid.identification.result_file import result_json
 from sysid.identify import Identification, identify
 from sysid.signals.flight import FlightSignals, Signal
 
+pytestmark = pytest.mark.whole_flight
+
 VEHICLE = load_vehicle("iitb-mav")
 TRUE = read_model("iitb-mav").values()
 

@@ -22,6 +22,8 @@ from sysid.live.posterior_window import (
 )
 from sysid.signals.flight import FlightSignals
 
+pytestmark = pytest.mark.whole_flight
+
 SHIFTS_S = (0.0, 0.003, 0.007, 0.012, 0.020)
 
 

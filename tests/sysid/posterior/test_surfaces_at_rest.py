@@ -17,6 +17,8 @@ from sysid.posterior.observations import common_grid
 from sysid.posterior.residual_spectrum import noise_share
 from sysid.signals.record import SURFACES
 
+pytestmark = pytest.mark.whole_flight
+
 VEHICLE = load_vehicle("iitb-mav")
 TRUTH = {name: entry.value for name, entry in read_model("iitb-mav").coefficients.items() if entry.value is not None}
 

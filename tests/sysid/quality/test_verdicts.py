@@ -19,6 +19,8 @@ from sysid.signals.flight import FlightSignals, Signal
 from sysid.signals.preparation import prepare
 from sysid.validation.statistics import validate
 
+pytestmark = pytest.mark.whole_flight
+
 VEHICLE = load_vehicle("iitb-mav")
 ALL = "elevator-3211,aileron-doublet,rudder-doublet"
 

@@ -17,6 +17,8 @@ from sysid.signal_check.corrected_faults import Correction, decisive_corrections
 from sysid.signals.flight import FlightData, FlightSignals
 from sysid.signals.preparation import prepare
 
+pytestmark = pytest.mark.whole_flight
+
 KINDS = {one.name: one for one in injections()}
 UNMISTAKABLE = (
     "unit:q:mrad/s",

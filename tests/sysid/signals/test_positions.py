@@ -19,6 +19,8 @@ from sysid.identify import identify
 from sysid.signals.flight import FlightData
 from sysid.signals.record import position_doubt
 
+pytestmark = pytest.mark.whole_flight
+
 INTERVAL = 0.02
 TIME = INTERVAL * np.arange(300)
 
