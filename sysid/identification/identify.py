@@ -212,7 +212,7 @@ def _identify_by_classical_method(
     if (moving := with_surfaces_as_they_moved(read, asked.vehicle, span, prepared, compatible)) is not None:
         prepared, compatible, asked = moving.prepared, moving.compatible, replace(asked, vehicle=moving.vehicle)
     vehicle, progress = asked.vehicle, asked.progress
-    posed = replace(_pose(asked, prepared, compatible), surfaces_inferred=moving is not None)
+    posed = _pose(asked, prepared, compatible)
     found = _by_equations(posed) if method == "ee" else _by_likelihood(posed, _likeliest(posed, method))
     worth = flights_quality([one.signals for one in read.fitted], prepared, vehicle, compatible.gust_sigma)
     model, refused = withheld(found.model, found.refused, worth, asked.prior)
@@ -290,8 +290,7 @@ class _ClassicalProblem:
     """Prepared flights with the problem to solve.
 
     start: start values. names: coefficients that the flight moves. refused: those it does not. dead: surfaces that
-    were not recorded, and what was reported of them. surfaces_inferred: whether it is the flight that says that
-    surfaces move between their samples.
+    were not recorded, and what was reported of them.
     """
 
     asked: Request
@@ -303,7 +302,6 @@ class _ClassicalProblem:
     refused: list[Refusal]
     warnings: list[str]
     dead: Mapping[str, str]
-    surfaces_inferred: bool = False
 
 
 @dataclass(frozen=True)
@@ -365,7 +363,7 @@ def _likeliest(posed: _ClassicalProblem, method: str) -> MaximumLikelihood:
         # In longer runs: the filter follows what a free simulation would lose.
         longer = make_problem(posed.prepared, asked.vehicle, compatible, asked.sensors, MAX_STRETCH_S, dead=posed.dead)
         problem = replace(longer, known=problem.known)
-    from_bench = bench_errors(posed.prepared, asked.vehicle, posed.surfaces_inferred)
+    from_bench = bench_errors(posed.prepared, asked.vehicle)
     return maximum_likelihood(
         problem, posed.start, posed.names, _free_effects(posed), compatible,
         from_bench, held_errors(compatible, posed.problem), method, asked.sensors, progress,

@@ -21,7 +21,7 @@ from sysid.output_error.structure_error import WithExtraTerms, widened
 from sysid.problem.estimation_problem import Likeliest, Problem, Progress
 from sysid.problem.formulation import with_unclear_sensors
 from sysid.signals.record import GROUND, OUTPUTS
-from sysid.uncertainty.bench_errors import BenchError, carry, carry_filtered, is_of_linkage, misled
+from sysid.uncertainty.bench_errors import BenchError, carry, carry_filtered, is_of_linkage, is_of_surfaces, misled
 from sysid.uncertainty.systematic import systematic_errors, systematic_in_turbulence
 from sysid.uncertainty.thrust_noise import with_input_noise, with_thrust_by_airspeed
 
@@ -116,9 +116,9 @@ def _in_calm_air(
     if not result.converged:
         warnings.append("output error did not converge; the standard errors may be too small")
     # What a curve's error or a law of the thrust does to the motion looks like aerodynamics, and has bars of its own;
-    # the gain and the zero of a linkage do not.
+    # where surfaces were, and when, does not.
     wider = None
-    if all(is_of_linkage(one.source) for one in bench) and all(
+    if all(is_of_surfaces(one.source) for one in bench) and all(
         record.thrust_source.measured for record in problem.records
     ):
         try:

@@ -54,11 +54,8 @@ class BenchError:
     record: Callable[[Record], Record]
 
 
-def bench_errors(prepared: Sequence[Prepared], vehicle: Vehicle, surfaces_inferred: bool = False) -> list[BenchError]:
-    """Every part of every bench error that the flights rest on.
-
-    surfaces_inferred: whether it is the flight that says that surfaces move between their samples.
-    """
+def bench_errors(prepared: Sequence[Prepared], vehicle: Vehicle) -> list[BenchError]:
+    """Every part of every bench error that the flights rest on."""
     found: list[BenchError] = []
     curves = {(name, flight.data.name): curve for flight in prepared for name, curve in flight.calibrations.items()}
     shares = {flight.data.name: flight.shares for flight in prepared}
@@ -73,7 +70,7 @@ def bench_errors(prepared: Sequence[Prepared], vehicle: Vehicle, surfaces_inferr
             continue
         parts = max(len(curve.coefficients) for curve, _ in mine.values())
         found += [BenchError(name, _misread(output, mine, part, vehicle)) for part in range(parts)]
-    if surfaces_inferred:
+    if any(stretch.record.joined for flight in prepared for stretch in flight.stretches):
         found.append(BenchError(SURFACE_CLOCK, _late))
     return [*found, *linkage_errors(vehicle)]
 
@@ -101,6 +98,11 @@ def linkage_errors(vehicle: Vehicle) -> list[BenchError]:
 def is_of_linkage(source: str) -> bool:
     """Whether a source is one of `linkage_errors`."""
     return source.endswith(_OF_LINKAGE)
+
+
+def is_of_surfaces(source: str) -> bool:
+    """Whether a source is about where surfaces were: its gain, its zero, or when."""
+    return is_of_linkage(source) or source == SURFACE_CLOCK
 
 
 def _misread(
