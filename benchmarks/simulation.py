@@ -17,6 +17,7 @@ from sim_vehicle.effects import EFFECTS
 from sim_vehicle.flight.plant import Plant
 from sim_vehicle.flight.trim import solve_trim
 from sim_vehicle.model.model_file import Model, read_model
+from sim_vehicle.physics.kernel_records import DrivingInputs
 from sim_vehicle.physics.layout import CHANNELS
 from sim_vehicle.physics.simulation import simulate
 from sim_vehicle.vehicle.packed_model import flatten
@@ -54,11 +55,10 @@ def own(model: Model) -> Callable[[], object]:
     thrust, rho = np.full(STEPS, np.nan), np.full(STEPS, 1.2)
     x0, y = trim.state.x.copy(), np.empty((STEPS, len(CHANNELS)))
 
+    inputs = DrivingInputs(commands, thrust, rho, np.zeros((0, 9)), np.zeros((0, 3)), STEP, 1, False)
+
     def run() -> object:
-        simulate(
-            x0, 0, 0, STEPS, commands, thrust, rho, STEP, 1, False, np.zeros((0, 9)), np.zeros((0, 3)), flat.P, flat.E,
-            flat.C, flat.F, flat.K, flat.T, y,
-        )  # fmt: skip
+        simulate(x0, 0, 0, STEPS, inputs, flat.arrays, y)
         assert np.isfinite(y).all()
         return y
 

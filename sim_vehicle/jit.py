@@ -15,8 +15,8 @@ import numba
 Function = TypeVar("Function", bound=Callable[..., object])
 
 
-# Physical constants, places in arrays, and the grammar that orders them.
-_CONSTANTS = ("constants.py", "layout.py", "aerodynamic_terms.py")
+# Physical constants, places in arrays, the grammar that orders them, and the records that are handed over.
+_CONSTANTS = ("constants.py", "layout.py", "aerodynamic_terms.py", "kernel_records.py")
 
 
 def _fingerprint() -> str:

@@ -17,6 +17,7 @@ from sim_vehicle.physics.actuation import start_actuators
 from sim_vehicle.physics.atmosphere import density
 from sim_vehicle.physics.dynamics import derivatives
 from sim_vehicle.physics.ideal_sensors import read_sensors
+from sim_vehicle.physics.kernel_records import Moment, TickInputs, TickState, TickWork
 from sim_vehicle.physics.layout import ACTUATOR_SIZE, CHANNELS, HISTORY, SENSOR_SIZE, STATE_SIZE, WORK_SIZE, Aux
 from sim_vehicle.physics.propeller import rotor_speed
 from sim_vehicle.physics.rotation import euler_angles, quaternion
@@ -121,20 +122,18 @@ class Plant:
             state.past[-1] = state.reading
         state.reading[self._late] = state.past[HISTORY - 1 - whole, self._late]
 
-    def _glimpse(
-        self, state: PlantState, dt: float, sub_steps: int, rho: float, wind_ned: Array, gust: Array, at_end: Array
-    ) -> None:
+    def _glimpse(self, state: PlantState, inputs: TickInputs, at_end: Array) -> None:
         """Keep what sensors that are delayed by a part of a tick read at that moment of the tick to be flown."""
-        _, part = split_delay(self._skew / dt)
+        _, part = split_delay(self._skew / inputs.dt)
         if part == 0.0:
             return
-        flat, share = self.flat, 1.0 - part
+        share, gust = 1.0 - part, inputs.gust
         state.past[:-1] = state.past[1:]
-        read_within_tick(state.x, state.actuators, state.surfaces, state.commands, HISTORY - 1, dt, sub_steps,
-                share, wind_ned,
-                gust, gust + (2.0 * share - 1.0) * (at_end - gust), rho, math.nan, math.nan, _FREE, flat.P, flat.E,
-                flat.C, flat.F, flat.K, flat.T, state.work, self._scratch, self._mean, self._rate, state.past_sensor,
-                state.past[-1])  # fmt: skip
+        moment = Moment(share, gust + (2.0 * share - 1.0) * (at_end - gust), math.nan)
+        read_within_tick(
+            TickState(state.x, state.actuators, state.surfaces), inputs, moment, self.flat.arrays,
+            TickWork(state.work, self._scratch, self._mean, self._rate), state.past_sensor, state.past[-1],
+        )  # fmt: skip
 
     def step(
         self,
@@ -165,7 +164,8 @@ class Plant:
         rho = self.density(float(-state.x[2]))
         at_end = gust_body if gust_at_end is None else gust_at_end
         if self._late:
-            self._glimpse(state, dt, sub_steps, rho, wind_ned, gust_body, at_end)
+            over = TickInputs(state.commands, HISTORY - 1, wind_ned, gust_body, rho, math.nan, _FREE, dt, sub_steps)
+            self._glimpse(state, over, at_end)
         tick(state.x, state.actuators, state.commands, HISTORY - 1, dt, sub_steps, wind_ned, gust_body, rho, math.nan,
              _FREE, flat.P, flat.E, flat.C, flat.F, flat.K, flat.T, state.work, self._scratch, self._mean,
              state.surfaces)  # fmt: skip

@@ -12,6 +12,7 @@ from sim_vehicle.jit import jit, jit_arrays
 from sim_vehicle.physics.actuation import advance_actuators, start_actuators, surfaces_after_command, surfaces_at_rest
 from sim_vehicle.physics.dynamics import derivatives, runge_kutta_step
 from sim_vehicle.physics.ideal_sensors import read_sensors
+from sim_vehicle.physics.kernel_records import DrivingInputs, ModelArrays, Moment, TickInputs, TickState, TickWork
 from sim_vehicle.physics.layout import ACTUATOR_SIZE, SENSOR_SIZE, STATE_SIZE, WORK_SIZE, Aux
 from sim_vehicle.physics.rotation import euler_angles, quaternion_parts
 
@@ -80,7 +81,7 @@ def undo_hysteresis(thrust: Array, commands: Array, E: Array) -> Array:
     thrust : Array, shape (N,)
         Thrust as the sensor reads it, N; NaN where it follows from the throttle.
     commands : Array, shape (N, 4) or (N, 6)
-        As of `simulate`; the last of six columns is the way, -1 to 1, in which the reading moves.
+        As of `DrivingInputs`; the last of six columns is the way, -1 to 1, in which the reading moves.
     E : Array, shape (slots,)
         Effect vector (`sim_vehicle.effects`), SI units.
 
@@ -114,7 +115,7 @@ def tick(
     actuators : Array, shape (ACTUATOR_SIZE,)
         State of the actuators, rad and throttle (0 to 1); changed in place.
     commands : Array, shape (N, 4) or (N, 6)
-        de, da, dr [rad] and throttle (0 to 1), held from each sample on; two more inputs as of `simulate`.
+        de, da, dr [rad] and throttle (0 to 1), held from each sample on; two more inputs as of `DrivingInputs`.
     row : int
         Row of `commands` to fly from.
     dt : float
@@ -156,67 +157,41 @@ def tick(
 
 @jit_arrays
 def read_within_tick(
-    x: Array, actuators: Array, surfaces: Array, commands: Array, row: int, dt: float, sub_steps: int, share: float,
-    wind: Array, gust: Array, gust_there: Array, rho: float, measured_thrust: float, thrust_there: float, slopes: Array,
-    P: Array, E: Array, C: Array, F: IntArray, K: IntArray, T: IntArray, W: Array, scratch: Array, mean: Array,
-    rate: Array, sensor: Array, y: Array,
-) -> None:  # fmt: skip
+    state: TickState,
+    inputs: TickInputs,
+    moment: Moment,
+    model: ModelArrays,
+    work: TickWork,
+    sensor: Array,
+    y: Array,
+) -> None:
     """What sensors read a share of the way from one row of the commands to the next.
 
-    The motion, the actuators and the surfaces stay where they are; arguments as of `tick`.
+    The same equations as of `tick` are integrated, the last step only as far as that moment. The motion, the actuators
+    and the surfaces stay where they are.
 
     Parameters
     ----------
-    x : Array, shape (14,)
-        State at the row (`sim_vehicle.physics.layout`), SI units and rad.
-    actuators : Array, shape (ACTUATOR_SIZE,)
-        State of the actuators at the row, rad and throttle (0 to 1).
-    surfaces : Array, shape (4,)
-        Surfaces at the row, rad, and throttle (0 to 1).
-    commands : Array, shape (N, 4) or (N, 6)
-        de, da, dr [rad] and throttle (0 to 1), held from each sample on; two more inputs as of `simulate`.
-    row : int
-        Row of `commands` to start from.
-    dt : float
-        Interval of the ticks, s.
-    sub_steps : int
-        Runge-Kutta steps in a tick.
-    share : float
-        Part of the tick after which the sensors are read, 0 to 1, dimensionless.
-    wind : Array, shape (3,)
-        Velocity of the air, north east down, m/s, mean over the tick.
-    gust : Array, shape (3,)
-        Velocity of the air in body axes on top, m/s, mean over the tick.
-    gust_there : Array, shape (3,)
-        Gust at that moment, body axes, m/s.
-    rho : float
-        Air density, kg/m^3.
-    measured_thrust : float
-        Measured thrust, mean over the tick, N, or NaN where thrust follows from the throttle.
-    thrust_there : float
-        Measured thrust at that moment, N, or NaN likewise.
-    slopes : Array, shape (6,) or (0,)
-        Imposed rates of u v w [m/s^2] and p q r [rad/s^2], NaN where free; (0,) where all are free.
-    P, E : Array, shapes (PAR_SIZE,) and (slots,)
-        Vehicle constants and effect vector (`sim_vehicle.physics.layout`, `sim_vehicle.effects`), SI units.
-    C : Array, shape (n,)
-        Values of the aerodynamic terms, dimensionless.
-    F, K, T : IntArray, shapes (n, 4), (n,) and (7,)
-        Factor indices, kinds and axis bounds of the aerodynamic terms.
-    W : Array, shape (WORK_SIZE,)
-        Work array: regressors, by-products (`Aux`) and the time, SI units; its time is as it came afterwards.
-    scratch : Array, shape (5, 14)
-        Work, written over.
-    mean : Array, shape (4,)
-        Work, written over: mean surfaces over a step, rad, and throttle.
-    rate : Array, shape (14,)
-        Work, written over: rate of the state at that moment, SI units and rad.
+    state : TickState
+        The vehicle at the row, SI units and rad.
+    inputs : TickInputs
+        What drives the tick, SI units and rad.
+    moment : Moment
+        When the sensors are read, and the gust [m/s] and the thrust [N] there.
+    model : ModelArrays
+        Vehicle and model, SI units and rad.
+    work : TickWork
+        Work arrays, written over; the time is as it came afterwards, the rate is that at the moment.
     sensor : Array, shape (SENSOR_SIZE,)
         Memory of sensors that are read at such moments alone, a tick apart, SI units and rad; it goes on, in place.
     y : Array, shape (19,)
         Result, written over: readings in the order of CHANNELS, SI units and rad.
     """
-    x, actuators, end = x.copy(), actuators.copy(), surfaces.copy()
+    x, actuators, end = state.x.copy(), state.actuators.copy(), state.surfaces.copy()
+    commands, row, wind, gust, rho, thrust, slopes, dt, sub_steps = inputs
+    P, E, C, F, K, T = model
+    W, scratch, mean, rate = work
+    share = moment.share
     step, begin = dt / sub_steps, W[_TIME]
     last = min(int(share * sub_steps), sub_steps - 1)
     for i in range(last + 1):
@@ -224,11 +199,9 @@ def read_within_tick(
         if length > 0.0:
             advance_actuators(commands, row, i * step, length, dt, P, E, actuators, mean, end)
             W[_TIME] = begin + i * step + 0.5 * length
-            runge_kutta_step(
-                x, mean, measured_thrust, wind, gust, rho, length, slopes, P, E, C, F, K, T, W, scratch
-            )  # fmt: skip
+            runge_kutta_step(x, mean, thrust, wind, gust, rho, length, slopes, P, E, C, F, K, T, W, scratch)
     W[_TIME] = begin + share * dt
-    derivatives(x, end, thrust_there, wind, gust_there, rho, P, E, C, F, K, T, W, rate)
+    derivatives(x, end, moment.thrust, wind, moment.gust, rho, P, E, C, F, K, T, W, rate)
     read_sensors(x, W, P, E, dt, sensor, y)
     W[_TIME] = begin
 
@@ -266,10 +239,10 @@ def impose(x: Array, held: Array) -> None:
 
 @jit_arrays
 def settle_lift(
-    x: Array, surfaces: Array, thrust: float, rho: float, P: Array, E: Array, C: Array, F: IntArray, K: IntArray,
-    T: IntArray, W: Array, rate: Array,
-) -> None:  # fmt: skip
+    x: Array, surfaces: Array, thrust: float, rho: float, model: ModelArrays, W: Array, rate: Array
+) -> None:
     """Give the angle that lift feels, where it is NaN, its value in a steady change: alpha - tau alpha'."""
+    P, E, C, F, K, T = model
     if np.isfinite(x[13]):
         return
     still = np.zeros(3)
@@ -283,26 +256,26 @@ def settle_lift(
 
 
 @jit_arrays
-def simulate(
-    x0: Array, first: int, start: int, stop: int, commands: Array, thrust: Array, rho: Array, dt: float,
-    sub_steps: int, command_first: float, held: Array, gusts: Array, P: Array, E: Array, C: Array, F: IntArray,
-    K: IntArray, T: IntArray, y: Array,
-) -> None:  # fmt: skip
+def simulate(x0: Array, first: int, start: int, stop: int, inputs: DrivingInputs, model: ModelArrays, y: Array) -> None:
     """Free-running simulation of samples start ... stop - 1 under recorded inputs.
 
-    x0: (14,) state at sample `start`, its last entry NaN where it is to be found. first: sample at which the actuators
-    are at rest; they run from there to `start`.
-    commands: (N, 4) de, da, dr, throttle held from each sample on, or (N, 6) with two more inputs at each sample: the
-    height [m], which counts instead of the integrated one where it is not NaN, and the way, -1 to 1, in which the
-    thrust sensor's reading moves. thrust: (N,) N as the sensor reads it, NaN where it follows from the throttle. rho:
-    (N,) kg/m3. command_first: 1 where a sensor at a sample already sees the command of that sample (as many simulations
-    do), 0 where it sees that of the sample before (as a vehicle does that reads, then commands); between them where
-    commands are means over the intervals, so that at a sample the mean of both acts.
-    held: (N, 9) u v w p q r phi theta psi that are imposed at each sample instead of integrated, NaN where free; (0, 9)
-    where everything is free. Between samples imposed velocities and rates go in a straight line, so that forces which a
-    model lacks do no harm; imposed angles follow the rates. gusts: (N, 3) body-axis velocity of the air at the samples
-    [m/s], or (0, 3) for still air. y: (stop - start, 19) result, columns CHANNELS. A diverging motion leaves NaN rows.
+    Parameters
+    ----------
+    x0 : Array, shape (14,)
+        State at sample `start` (`sim_vehicle.physics.layout`), its last entry NaN where it is to be found, SI units and
+        rad.
+    first, start, stop : int
+        Sample at which the actuators are at rest (they run from there to `start`), first sample of the simulation, and
+        the one after its last.
+    inputs : DrivingInputs
+        What drives the simulation, SI units and rad.
+    model : ModelArrays
+        Vehicle and model, SI units and rad.
+    y : Array, shape (stop - start, 19)
+        Result, written over: readings in the order of CHANNELS, SI units and rad. A diverging motion leaves NaN rows.
     """
+    commands, thrust, rho, held, gusts, dt, sub_steps, command_first = inputs
+    P, E, C, F, K, T = model
     x = x0.copy()
     actuators, sensor = np.zeros(ACTUATOR_SIZE), np.zeros(SENSOR_SIZE)
     W, scratch, rate = np.zeros(WORK_SIZE), np.zeros((5, STATE_SIZE)), np.zeros(STATE_SIZE)
@@ -310,6 +283,7 @@ def simulate(
     slopes = np.zeros(6 if held.shape[0] > 0 else 0)
     thrust = undo_hysteresis(thrust, commands, E)
     E = effects_flown(E, thrust[first])
+    flown, state, work = ModelArrays(P, E, C, F, K, T), TickState(x, actuators, end), TickWork(W, scratch, mean, rate)
     whole, part = split_delay_ticks(E, dt)
     late = whole + part
     shown, past_sensor = np.full((stop - start if late > 0.0 else 0, y.shape[1]), np.nan), np.zeros(SENSOR_SIZE)
@@ -323,7 +297,7 @@ def simulate(
             advance_actuators(commands, k, i * step, step, dt, P, E, actuators, mean, end)
     if heights:
         x[2] = -commands[start, HEIGHT_COLUMN]
-    settle_lift(x, end, thrust[start], rho[start], P, E, C, F, K, T, W, rate)
+    settle_lift(x, end, thrust[start], rho[start], flown, W, rate)
     for k in range(start, stop):
         if held.shape[0] > 0:
             impose(x, held[k])
@@ -349,10 +323,9 @@ def simulate(
             if part > 0.0:
                 share = 1.0 - part
                 there = gusts[k] + share * (gusts[k + 1] - gusts[k]) if gusts.shape[0] > 0 else still
-                read_within_tick(x, actuators, end, commands, k, dt, sub_steps, share, still, gust, there, rho[k],
-                        middle,
-                        thrust[k] + share * (thrust[k + 1] - thrust[k]), slopes, P, E, C, F, K, T, W, scratch, mean,
-                        rate, past_sensor, shown[k + 1 - start])  # fmt: skip
+                moment = Moment(share, there, thrust[k] + share * (thrust[k + 1] - thrust[k]))
+                over = TickInputs(commands, k, still, gust, rho[k], middle, slopes, dt, sub_steps)
+                read_within_tick(state, over, moment, flown, work, past_sensor, shown[k + 1 - start])
             tick(x, actuators, commands, k, dt, sub_steps, still, gust, rho[k], middle, slopes, P, E, C, F, K, T, W,
                  scratch, mean, end)  # fmt: skip
             if not np.isfinite(x[3]) or abs(x[3]) > 1e4:
@@ -364,10 +337,15 @@ def simulate(
 
 @jit_arrays
 def simulate_variants(
-    x0: Array, first: int, start: int, stop: int, commands: Array, thrust: Array, rho: Array, dt: float,
-    sub_steps: int, command_first: float, held: Array, gusts: Array, P: Array, E: Array, C: Array, F: IntArray,
-    K: IntArray, T: IntArray, thrust_shift: Array, y: Array,
-) -> None:  # fmt: skip
+    x0: Array,
+    first: int,
+    start: int,
+    stop: int,
+    inputs: DrivingInputs,
+    models: ModelArrays,
+    thrust_shift: Array,
+    y: Array,
+) -> None:
     """Run `simulate` for n variants of the same stretch in one call.
 
     Parameters
@@ -376,45 +354,26 @@ def simulate_variants(
         States at sample `start` (`sim_vehicle.physics.layout`), SI units and rad.
     first, start, stop : int
         Sample at which the actuators are at rest, first sample of the simulation, and the one after its last.
-    commands : Array, shape (N, 4) or (N, 6)
-        de, da, dr [rad] and throttle (0 to 1), held from each sample on; two more inputs as of `simulate`.
-    thrust : Array, shape (N,)
-        Thrust as the sensor reads it, N; NaN where it follows from the throttle.
-    rho : Array, shape (N,)
-        Air density, kg/m^3.
-    dt : float
-        Interval of the samples, s.
-    sub_steps : int
-        Runge-Kutta steps in each interval.
-    command_first : float
-        1 where a sensor at a sample already sees the command of that sample, 0 where it sees that of the sample before;
-        between them where commands are means over the intervals.
-    held : Array, shape (N, 9) or (0, 9)
-        u v w p q r phi theta psi imposed at each sample [m/s, rad/s, rad], NaN where free; (0, 9) where all are free.
-    gusts : Array, shape (N, 3) or (0, 3)
-        Body-axis velocity of the air at the samples, m/s; (0, 3) for still air.
-    P : Array, shape (PAR_SIZE,)
-        Vehicle constants (`sim_vehicle.physics.layout`), SI units.
-    E : Array, shape (n, slots)
-        Effect vectors of the variants (`sim_vehicle.effects`), SI units.
-    C : Array, shape (n, terms)
-        Values of the variants' aerodynamic terms, dimensionless.
-    F, K, T : IntArray, shapes (terms, 4), (terms,) and (7,)
-        Factor indices, kinds and axis bounds of the aerodynamic terms.
+    inputs : DrivingInputs
+        What drives all of them, SI units and rad.
+    models : ModelArrays
+        Vehicle and model, of which E (n, slots) and C (n, terms) have a row for each variant, SI units and rad.
     thrust_shift : Array, shape (n,)
         Added to the measured thrust of each variant, N.
     y : Array, shape (n, stop - start, 19)
         Result, written over: readings in the order of CHANNELS, SI units and rad. A diverging motion leaves NaN rows.
     """
+    commands, thrust, rho, held, gusts, dt, sub_steps, command_first = inputs
+    P, E, C, F, K, T = models
     for i in range(x0.shape[0]):
-        simulate(x0[i], first, start, stop, commands, thrust + thrust_shift[i], rho, dt, sub_steps, command_first, held,
-                 gusts, P, E[i], C[i], F, K, T, y[i])  # fmt: skip
+        shifted = DrivingInputs(commands, thrust + thrust_shift[i], rho, held, gusts, dt, sub_steps, command_first)
+        simulate(x0[i], first, start, stop, shifted, ModelArrays(P, E[i], C[i], F, K, T), y[i])
 
 
 @jit_arrays
 def evaluate_path(
-    states: Array, commands: Array, first: int, thrust: Array, rho: Array, dt: float, command_first: float, P: Array,
-    E: Array, C: Array, F: IntArray, K: IntArray, T: IntArray, coefficients: Array,
+    states: Array, commands: Array, first: int, thrust: Array, rho: Array, dt: float, command_first: float,
+    model: ModelArrays, coefficients: Array,
 ) -> None:  # fmt: skip
     """Coefficients and accelerations that a model gives along a known motion, no integration.
 
@@ -425,7 +384,7 @@ def evaluate_path(
     states : Array, shape (N, 9)
         u v w [m/s], p q r [rad/s], phi theta psi [rad] at the samples from `first` of the commands on.
     commands : Array, shape (M, 4) or (M, 6)
-        de, da, dr [rad] and throttle (0 to 1), held from each sample on; two more inputs as of `simulate`.
+        de, da, dr [rad] and throttle (0 to 1), held from each sample on; two more inputs as of `DrivingInputs`.
     first : int
         Sample of the commands at which the states begin.
     thrust : Array, shape (M,)
@@ -435,17 +394,14 @@ def evaluate_path(
     dt : float
         Interval of the samples, s.
     command_first : float
-        1 where a sample already sees its own command, 0 where it sees that of the sample before; see `simulate`.
-    P, E : Array, shapes (PAR_SIZE,) and (slots,)
-        Vehicle constants and effect vector (`sim_vehicle.physics.layout`, `sim_vehicle.effects`), SI units.
-    C : Array, shape (n,)
-        Values of the aerodynamic terms, dimensionless.
-    F, K, T : IntArray, shapes (n, 4), (n,) and (7,)
-        Factor indices, kinds and axis bounds of the aerodynamic terms.
+        1 where a sample already sees its own command, 0 where it sees that of the sample before; see `DrivingInputs`.
+    model : ModelArrays
+        Vehicle and model, SI units and rad.
     coefficients : Array, shape (N, 12)
         Result, written over: the six of AXES (dimensionless), ax ay az [m/s^2], p' q' r' [rad/s^2], at the centre of
         gravity.
     """
+    P, E, C, F, K, T = model
     actuators, mean, end, now = np.zeros(ACTUATOR_SIZE), np.zeros(4), np.zeros(4), np.zeros(4)
     W, rate, x, still = np.zeros(WORK_SIZE), np.zeros(STATE_SIZE), np.zeros(STATE_SIZE), np.zeros(3)
     thrust = undo_hysteresis(thrust, commands, E)

@@ -6,6 +6,7 @@ Derivatives, ch. 3).
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from sim_vehicle.jit import jit_fused, jit_fused_arrays
 from sim_vehicle.model.aerodynamic_terms import REGRESSORS
 from sim_vehicle.physics.actuation import advance_actuators, start_actuators, surfaces_after_command, surfaces_at_rest
 from sim_vehicle.physics.dynamics import derivatives
+from sim_vehicle.physics.kernel_records import DrivingInputs, ModelArrays
 from sim_vehicle.physics.layout import ACTUATOR_SIZE, STATE_SIZE, WORK_SIZE, Aux, Par
 from sim_vehicle.physics.rotation import euler_angles
 from sim_vehicle.physics.simulation import effects_flown, impose, undo_hysteresis
@@ -40,6 +42,88 @@ IntArray = NDArray[np.int64]
 _GRAVITY, _TIME = int(Par.gravity), int(Aux.time)
 _SHEAR, _SHEAR_G = slot("wind_shear"), slot("wind_shear", "gradient")
 _REGRESSORS, _READINGS = len(REGRESSORS), len(READINGS)
+
+
+class Unknowns(NamedTuple):
+    """What to differentiate by, n unknowns of which m are initial states, and r readings to differentiate.
+
+    Attributes
+    ----------
+    terms : IntArray, shape (n,)
+        The term that each unknown is the coefficient of; -1 where it acts through its column by itself (the thrust).
+    columns : IntArray, shape (n,)
+        The column of `force_jacobian` that each acts through, -1 where it acts on nothing.
+    places : IntArray, shape (n,)
+        The place of each in the last axis of the result, ascending.
+    states : IntArray, shape (m,)
+        Initial states u v w p q r phi theta psi (0 ... 8) that the m unknowns are which come before those that act
+        through the inputs.
+    rows : IntArray, shape (r,)
+        Places in READINGS, one for each row of the result.
+    gain : Array, shape (r,)
+        Factors on the rows of the result, dimensionless or 1 / (unit of the reading).
+    """
+
+    terms: IntArray
+    columns: IntArray
+    places: IntArray
+    states: IntArray
+    rows: IntArray
+    gain: Array
+
+
+class InputUnknowns(NamedTuple):
+    """The last L unknowns, which act through what drives the simulation: what it becomes where each grows by its step.
+
+    Attributes
+    ----------
+    commands : Array, shape (L, N, 4) or (L, N, 6)
+        Commands, units as of `DrivingInputs`.
+    thrust : Array, shape (L, N)
+        Thrust as the sensor reads it, N.
+    held : Array, shape (L, N, 9) or (L, 0, 9)
+        Imposed states, units as of `DrivingInputs`.
+    steps : Array, shape (L,)
+        Steps, each in its unknown's unit.
+    """
+
+    commands: Array
+    thrust: Array
+    held: Array
+    steps: Array
+
+
+class _Changes(NamedTuple):
+    """Changes over a step by each of the last L unknowns, see `driven_effects`.
+
+    moved: (L, 3) of the surfaces; pushed: (L,) of the thrust; led: (L, 6) of imposed rates.
+    """
+
+    moved: Array
+    pushed: Array
+    led: Array
+
+
+class _Work(NamedTuple):
+    """Work arrays.
+
+    W: (WORK_SIZE,) as of `derivatives`; scratch: (5, 14) rates of the stages and the state there. flow, D, J, part,
+    products, R: as of `force_jacobian`. A: (4, STAGE) Jacobians of the stages; force: (4, blocks, 6 WIDTH) direct
+    effects there; by_shear: (3, 7) slopes of sheared wind; lanes: (5, BLOCK) of `advance_lanes`.
+    """
+
+    W: Array
+    scratch: Array
+    flow: Array
+    D: Array
+    J: Array
+    part: Array
+    products: Array
+    R: Array
+    A: Array
+    force: Array
+    by_shear: Array
+    lanes: Array
 
 
 @jit_fused
@@ -88,14 +172,13 @@ def _rate_rows(x: Array, gravity: float, E: Array, R: Array, slopes: Array, by_s
 @jit_fused
 def _tangent_step(
     x: Array, surfaces: Array, thrust: float, still: Array, gust: Array, rho: float, step: float, slopes: Array,
-    P: Array, E: Array, C: Array, F: IntArray, K: IntArray, T: IntArray, terms: IntArray, columns: IntArray,
-    X: Array, W: Array, scratch: Array, flow: Array, D: Array, J: Array, part: Array, products: Array, R: Array,
-    A: Array, force: Array, by_shear: Array, work: Array, moved: Array, pushed: Array, led: Array,
+    model: ModelArrays, unknowns: Unknowns, X: Array, work: _Work, changes: _Changes,
 ) -> None:  # fmt: skip
-    """`runge_kutta_step` with its tangents X; the rest as in `simulate_tangents`, or work arrays.
-
-    moved, pushed, led: changes of surfaces, thrust and imposed rates over the step, see `driven_effects`.
-    """
+    """`runge_kutta_step` with its tangents X; slopes: imposed rates, NaN where free."""
+    P, E, C, F, K, T = model
+    W, scratch, flow, D, J, part, products, R, A, force, by_shear, lanes = work
+    moved, pushed, led = changes
+    terms, columns = unknowns.terms, unknowns.columns
     for i in range(STATE_SIZE):
         scratch[4, i] = x[i]
     for stage in range(4):
@@ -117,7 +200,7 @@ def _tangent_step(
     length = math.sqrt(x[6] * x[6] + x[7] * x[7] + x[8] * x[8] + x[9] * x[9])
     for i in range(6, 10):
         x[i] /= length
-    advance_lanes(X, A, force, step, x, length, work)
+    advance_lanes(X, A, force, step, x, length, lanes)
 
 
 @jit_fused
@@ -183,12 +266,26 @@ def initial_tangents(x: Array, states: IntArray, lanes: IntArray, X: Array) -> N
 
 @jit_fused_arrays
 def simulate_tangents(
-    x0: Array, first: int, start: int, stop: int, commands: Array, thrust: Array, rho: Array, dt: float,
-    sub_steps: int, command_first: float, held: Array, gusts: Array, P: Array, E: Array, C: Array, F: IntArray,
-    K: IntArray, T: IntArray, terms: IntArray, columns: IntArray, places: IntArray, states: IntArray, rows: IntArray,
-    gain: Array, other_commands: Array, other_thrust: Array, other_held: Array, steps: Array, S: Array,
-) -> None:  # fmt: skip
+    x0: Array,
+    first: int,
+    start: int,
+    stop: int,
+    inputs: DrivingInputs,
+    model: ModelArrays,
+    unknowns: Unknowns,
+    others: InputUnknowns,
+    S: Array,
+) -> None:
     """Derivatives of what `simulate` gives with the arguments of the same names.
+
+    Beside the motion dx/dt = f(x, theta, t) the tangents dx/dtheta of all unknowns theta are integrated,
+
+        d/dt (dx/dtheta) = A dx/dtheta + df/dtheta,   A = df/dx,
+
+    both through the same steps of classical Runge-Kutta, A and df/dtheta anew at each of the four stages; then the
+    quaternion is normalised, and its tangents with it. df/dtheta is in closed form for coefficients and thrust, 0 for
+    initial states, which set dx/dtheta at the start, and the effect of what the inputs change by for the last unknowns.
+    A reading y = h(x, theta) at a sample has the derivative H dx/dtheta + dh/dtheta, H = dh/dx.
 
     Lags and delays of sensors, a lift that lags and the ground are left out; the height over which the wind changes is
     an input.
@@ -199,59 +296,30 @@ def simulate_tangents(
         State at sample `start` (`sim_vehicle.physics.layout`), SI units and rad.
     first, start, stop : int
         Sample at which the actuators are at rest, first sample of the simulation, and the one after its last.
-    commands : Array, shape (N, 4) or (N, 6)
-        de, da, dr [rad] and throttle (0 to 1), held from each sample on; two more inputs as of `simulate`.
-    thrust : Array, shape (N,)
-        Thrust as the sensor reads it, N; NaN where it follows from the throttle.
-    rho : Array, shape (N,)
-        Air density, kg/m^3.
-    dt : float
-        Interval of the samples, s.
-    sub_steps : int
-        Runge-Kutta steps in each interval.
-    command_first : float
-        1 where a sensor at a sample already sees the command of that sample, 0 where it sees that of the sample before;
-        between them where commands are means over the intervals.
-    held : Array, shape (N, 9) or (0, 9)
-        u v w p q r phi theta psi imposed at each sample [m/s, rad/s, rad], NaN where free; (0, 9) where all are free.
-    gusts : Array, shape (N, 3) or (0, 3)
-        Body-axis velocity of the air at the samples, m/s; (0, 3) for still air.
-    P, E : Array, shapes (PAR_SIZE,) and (slots,)
-        Vehicle constants and effect vector (`sim_vehicle.physics.layout`, `sim_vehicle.effects`), SI units.
-    C : Array, shape (c,)
-        Values of the aerodynamic terms, dimensionless.
-    F, K, T : IntArray, shapes (c, 4), (c,) and (7,)
-        Factor indices, kinds and axis bounds of the aerodynamic terms.
-    terms, columns, places : IntArray, shape (n,)
-        Of every unknown: the term it is the coefficient of, the column of `force_jacobian` it acts through, and its
-        place in the last axis of S, ascending. A term of -1 acts through the column by itself (the thrust), a column of
-        -1 on nothing. The last L unknowns act through what drives the simulation.
-    states : IntArray, shape (m,)
-        Initial states u v w p q r phi theta psi (0 ... 8) that the m unknowns before those are.
-    rows : IntArray, shape (r,)
-        Places in READINGS, one for each row of S.
-    gain : Array, shape (r,)
-        Factors on the rows of S.
-    other_commands : Array, shape (L, N, 4) or (L, N, 6)
-        What `commands` become where each of the last L unknowns grows by its step, units as `commands`.
-    other_thrust : Array, shape (L, N)
-        What `thrust` becomes there, N.
-    other_held : Array, shape (L, N, 9) or (L, 0, 9)
-        What `held` becomes there, units as `held`.
-    steps : Array, shape (L,)
-        Steps of the last L unknowns, each in its own unit.
+    inputs : DrivingInputs
+        What drives the simulation, SI units and rad.
+    model : ModelArrays
+        Vehicle and model, SI units and rad.
+    unknowns : Unknowns
+        What to differentiate by, and which r readings to differentiate.
+    others : InputUnknowns
+        What the inputs become by the last of the unknowns, SI units and rad.
     S : Array, shape (stop - start, r, unknowns)
-        Result, written over: derivatives of the readings times `gain`, SI units and rad per unit of each unknown; 0 at
-        places that are not named. A diverging motion leaves NaN.
+        Result, written over: derivatives of the readings times their gain, SI units and rad per unit of each unknown; 0
+        at places that are not named. A diverging motion leaves NaN.
 
     References
     ----------
     Griewank & Walther, Evaluating Derivatives, chapter 3.
     """
+    commands, thrust, rho, held, gusts, dt, sub_steps, command_first = inputs
+    P, E, C, F, K, T = model
+    terms, columns, places, states, rows, gain = unknowns
+    other_commands, other_thrust, other_held, steps = others
     x = x0.copy()
     n = columns.size
     blocks = (n + WIDTH - 1) // WIDTH
-    X, work, reading = np.zeros((blocks, BLOCK)), np.empty((5, BLOCK)), np.empty(WIDTH)
+    X, lanes, reading = np.zeros((blocks, BLOCK)), np.empty((5, BLOCK)), np.empty(WIDTH)
     actuators, W, scratch = np.zeros(ACTUATOR_SIZE), np.zeros(WORK_SIZE), np.zeros((5, STATE_SIZE))
     mean, end, now, still = np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(3)
     flow, D, J, R = np.zeros((3, 3)), np.zeros((6, _REGRESSORS)), np.zeros((6, COLUMNS)), np.zeros((6, COLUMNS))
@@ -272,6 +340,8 @@ def simulate_tangents(
             push = (pushes[lane, k] - thrust[k]) / steps[lane]
             pushes[lane, k] = push if np.isfinite(push) else 0.0
     E = effects_flown(E, thrust[first])
+    flown, changes_over = ModelArrays(P, E, C, F, K, T), _Changes(moved, pushed, led)
+    work = _Work(W, scratch, flow, D, J, part, products, R, A, force, by_shear, lanes)
     x[13] = 0.0
     initial_tangents(x, states, np.arange(driven - states.size, driven), X)
     start_actuators(commands[first], actuators)
@@ -341,9 +411,8 @@ def simulate_tangents(
                         moved[lane, j] = (middle_there[j] - mean[j]) / steps[lane]
                 W[_TIME] = E[START_TIME] + (k - start) * dt + (i + 0.5) * step
                 _tangent_step(
-                    x, mean, middle, still, gust, rho[k], step, slopes, P, E, C, F, K, T, terms, columns, X, W,
-                    scratch, flow, D, J, part, products, R, A, force, by_shear, work, moved, pushed, led,
-                )  # fmt: skip
+                    x, mean, middle, still, gust, rho[k], step, slopes, flown, unknowns, X, work, changes_over
+                )
             if not np.isfinite(x[3]) or abs(x[3]) > 1e4:
                 S[k + 1 - start :] = np.nan
                 return

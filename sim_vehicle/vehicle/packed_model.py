@@ -12,6 +12,7 @@ from sim_vehicle.errors import ModelFileError
 from sim_vehicle.model.aerodynamic_terms import AXES, MAX_FACTORS, POLAR, REGRESSORS, Term, parse_term
 from sim_vehicle.model.model_file import Model
 from sim_vehicle.physics.dynamics import ELEVATOR_MOMENT, INDUCED_DRAG, PLAIN, ZERO_LIFT_DRAG
+from sim_vehicle.physics.kernel_records import ModelArrays
 from sim_vehicle.physics.layout import CQ_PLACE, CT_PLACE, PAR_SIZE, Par
 from sim_vehicle.vehicle.propulsion import pack_curve, rotor_scale
 from sim_vehicle.vehicle.vehicle_file import Vehicle
@@ -34,6 +35,11 @@ class PackedModel:
     K: IntArray
     T: IntArray
     names: tuple[str, ...]
+
+    @property
+    def arrays(self) -> ModelArrays:
+        """What the compiled functions take of it."""
+        return ModelArrays(self.P, self.E, self.C, self.F, self.K, self.T)
 
     def copy(self) -> PackedModel:
         """The same with P, E and C free to change."""

@@ -82,7 +82,7 @@ def along_path(record: Record, path: Array, model: Fixed) -> Array:
     commands = with_other_inputs(held_by_dead_band(record.commands, record, effects), record, effects)
     evaluate_path(
         np.ascontiguousarray(path), commands, record.start, thrust, record.rho, record.interval_s,
-        float(model.command_first), flat.P, effects, flat.C, flat.F, flat.K, flat.T, predicted,
+        float(model.command_first), flat.arrays._replace(E=effects), predicted,
     )  # fmt: skip
     return predicted
 

@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from sim_vehicle.effects import slot
+from sim_vehicle.physics.kernel_records import DrivingInputs
 from sim_vehicle.physics.layout import CHANNELS
 from sim_vehicle.physics.rotation import quaternion
 from sim_vehicle.physics.simulation import simulate_variants
@@ -223,11 +224,12 @@ class Predictor:
         self, record: Record, commands: Array, x0: Array, flat: PackedModel, E: Array, C: Array, shift: Array,
         gusts: Array, y: Array,
     ) -> None:  # fmt: skip
-        simulate_variants(
-            x0, 0, record.start, record.start + record.length, commands, thrust_without_airspeed(record), record.rho,
-            record.interval_s, self.sub_steps, float(self.command_first), record.imposed_states, gusts, flat.P, E, C,
-            flat.F, flat.K, flat.T, shift, y,
+        inputs = DrivingInputs(
+            commands, thrust_without_airspeed(record), record.rho, record.imposed_states, gusts, record.interval_s,
+            self.sub_steps, float(self.command_first),
         )  # fmt: skip
+        models = flat.arrays._replace(E=E, C=C)
+        simulate_variants(x0, 0, record.start, record.start + record.length, inputs, models, shift, y)
 
     def derivatives(
         self,

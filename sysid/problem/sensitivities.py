@@ -9,10 +9,11 @@ import numpy as np
 
 from sim_vehicle.effects import SENSOR_LAGS, slot
 from sim_vehicle.effects.sensor_time_skew import delay_rows, is_late
+from sim_vehicle.physics.kernel_records import DrivingInputs
 from sim_vehicle.physics.simulation import split_delay_ticks
 from sim_vehicle.sensitivities.dynamics_jacobian import STATE_COLUMNS, THRUST_COLUMN
 from sim_vehicle.sensitivities.sensor_jacobian import READINGS
-from sim_vehicle.sensitivities.tangent_simulation import simulate_tangents
+from sim_vehicle.sensitivities.tangent_simulation import InputUnknowns, Unknowns, simulate_tangents
 from sim_vehicle.vehicle.packed_model import PackedModel
 from sysid.arrays import Array
 
@@ -94,14 +95,19 @@ def tangents(
             shares[lane.place] = lane.thrust
     places = np.array([lane.place for lane in lanes], dtype=np.int64)
     rows = np.array([READINGS.index(name) for name in outputs], dtype=np.int64)
-    simulate_tangents(
-        x0, 0, inputs.start, inputs.stop, inputs.commands, inputs.thrust, inputs.rho, inputs.interval_s,
-        inputs.sub_steps, float(inputs.command_first), inputs.held, _STILL_AIR, flat.P, flat.E, flat.C, flat.F, flat.K,
-        flat.T, terms, columns, places, np.array(states, dtype=np.int64), rows, np.array(gains, dtype=np.float64),
-        _stacked([one.commands for one in driven], inputs.commands),
-        _stacked([one.thrust for one in driven], inputs.thrust), _stacked([one.held for one in driven], inputs.held),
-        np.array([one.step for one in driven], dtype=np.float64), out,
+    drive = DrivingInputs(
+        inputs.commands, inputs.thrust, inputs.rho, inputs.held, _STILL_AIR, inputs.interval_s, inputs.sub_steps,
+        float(inputs.command_first),
     )  # fmt: skip
+    initial = np.array(states, dtype=np.int64)
+    unknowns = Unknowns(terms, columns, places, initial, rows, np.array(gains, dtype=np.float64))
+    others = InputUnknowns(
+        _stacked([one.commands for one in driven], inputs.commands),
+        _stacked([one.thrust for one in driven], inputs.thrust),
+        _stacked([one.held for one in driven], inputs.held),
+        np.array([one.step for one in driven], dtype=np.float64),
+    )
+    simulate_tangents(x0, 0, inputs.start, inputs.stop, drive, flat.arrays, unknowns, others, out)
     for place in np.nonzero(shares != 1.0)[0]:
         out[:, :, place] *= shares[place]
     for effect, names in SENSOR_LAGS.items():

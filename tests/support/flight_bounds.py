@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from sim_vehicle.flight.flight_log import FlownFlight
 from sim_vehicle.flight.sensor_suite import RATES_HZ, TABLE_II
 from sim_vehicle.model.model_file import Coefficient, Model
+from sim_vehicle.physics.kernel_records import DrivingInputs
 from sim_vehicle.physics.layout import CHANNELS
 from sim_vehicle.physics.rotation import quaternion
 from sim_vehicle.physics.simulation import simulate
@@ -135,8 +136,10 @@ def simulated(
     count = path.shape[0]
     y = np.empty((count, len(CHANNELS)))
     dt = float(flown.time_s[1] - flown.time_s[0])
-    simulate(x0, 0, 0, count, np.ascontiguousarray(command), thrust, flown.truth["rho"], dt, SUB_STEPS,
-             False, held, flown.gust_body, flat.P, flat.E, C, flat.F, flat.K, flat.T, y)  # fmt: skip
+    inputs = DrivingInputs(
+        np.ascontiguousarray(command), thrust, flown.truth["rho"], held, flown.gust_body, dt, SUB_STEPS, False
+    )
+    simulate(x0, 0, 0, count, inputs, flat.arrays._replace(C=C), y)
     return y[:, [CHANNELS.index(name) for name in experiment.outputs]]
 
 

@@ -135,12 +135,12 @@ class _Steps:
         W, scratch, rate = np.zeros(WORK_SIZE), np.zeros((5, STATE_SIZE)), np.zeros(STATE_SIZE)
         reading, mean = np.zeros(len(CHANNELS)), np.zeros(4)
         W[Aux.time] = self._effects[START_TIME] + k * dt
-        terms = flat.C, flat.F, flat.K, flat.T
-        settle_lift(x, surfaces, float(thrust[k]), rho, flat.P, self._effects, *terms, W, rate)
-        derivatives(x, surfaces, float(thrust[k]), _STILL, here, rho, flat.P, self._effects, *terms, W, rate)
+        model = flat.arrays._replace(E=self._effects)
+        settle_lift(x, surfaces, float(thrust[k]), rho, model, W, rate)
+        derivatives(x, surfaces, float(thrust[k]), _STILL, here, rho, *model, W, rate)
         read_sensors(x, W, flat.P, self._effects, 0.0, np.zeros(SENSOR_SIZE), reading)
         tick(x, actuators, self._command, k, dt, SUB_STEPS, _STILL, over, rho, 0.5 * float(thrust[k] + thrust[after]),
-             _FREE, flat.P, self._effects, *terms, W, scratch, mean, surfaces)  # fmt: skip
+             _FREE, *model, W, scratch, mean, surfaces)  # fmt: skip
         return reading, _nine(x)
 
 

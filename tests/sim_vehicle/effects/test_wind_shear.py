@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from sim_vehicle.flight.flight_loop import wind_of
 from sim_vehicle.flight.plant import Plant
 from sim_vehicle.flight.wind import WindField
+from sim_vehicle.physics.kernel_records import DrivingInputs
 from sim_vehicle.physics.layout import CHANNELS
 from sim_vehicle.physics.simulation import simulate
 from sim_vehicle.vehicle.packed_model import flatten
@@ -74,12 +75,11 @@ def test_the_motion_against_the_air_is_that_of_a_flight_over_ground(
     controls = commands()
     inputs = np.column_stack((controls, heights)) if recorded else controls
     found = np.empty((TICKS, len(CHANNELS)))
-    simulate(x0, 0, 0, TICKS, inputs, np.full(TICKS, np.nan), np.full(TICKS, hf.RHO), DT, 1, False, np.zeros((0, 9)),
-             np.zeros((0, 3)), flat.P, flat.E, flat.C, flat.F, flat.K, flat.T, found)  # fmt: skip
+    air = np.full(TICKS, np.nan), np.full(TICKS, hf.RHO), np.zeros((0, 9)), np.zeros((0, 3)), DT, 1, False
+    simulate(x0, 0, 0, TICKS, DrivingInputs(inputs, *air), flat.arrays, found)
     calm = np.empty((TICKS, len(CHANNELS)))
     still = flatten(hf.vehicle(), hf.model_with({}))
-    simulate(x0, 0, 0, TICKS, controls, np.full(TICKS, np.nan), np.full(TICKS, hf.RHO), DT, 1, False, np.zeros((0, 9)),
-             np.zeros((0, 3)), still.P, still.E, still.C, still.F, still.K, still.T, calm)  # fmt: skip
+    simulate(x0, 0, 0, TICKS, DrivingInputs(controls, *air), still.arrays, calm)
     assert np.ptp(heights) > 5.0
     for j, name in enumerate(CHANNELS):
         if name == "altitude":

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from sim_vehicle.effects import EFFECTS
 from sim_vehicle.flight.plant import OUTPUTS, Plant
 from sim_vehicle.model.model_file import Model
+from sim_vehicle.physics.kernel_records import DrivingInputs
 from sim_vehicle.physics.layout import CHANNELS, REGRESSORS, STATE_SIZE, WORK_SIZE, Aux, Par
 from sim_vehicle.physics.simulation import evaluate_path, impose, simulate
 from sim_vehicle.vehicle.packed_model import PackedModel, flatten
@@ -72,11 +73,10 @@ def simulated(
     """Readings (N - start, 19) of the same inputs in the estimators' simulation."""
     flat = flat or flight.plant.flat
     y = np.empty((N - start, len(CHANNELS)))
-    simulate(
-        flight.states[start].copy() if x0 is None else x0, first, start, N, flight.commands,
-        np.full(N, np.nan) if thrust is None else thrust, np.full(N, hf.RHO), DT, sub_steps, command_first, held,
-        gusts, flat.P, flat.E, flat.C, flat.F, flat.K, flat.T, y,
-    )  # fmt: skip
+    measured = np.full(N, np.nan) if thrust is None else thrust
+    rho = np.full(N, hf.RHO)
+    inputs = DrivingInputs(flight.commands, measured, rho, held, gusts, DT, sub_steps, command_first)
+    simulate(flight.states[start].copy() if x0 is None else x0, first, start, N, inputs, flat.arrays, y)
     return y
 
 
@@ -266,10 +266,7 @@ def test_coefficients_along_a_known_motion_are_those_of_the_flight(name: str) ->
     path = np.ascontiguousarray(held_states(flight, ("u", "v", "w", "p", "q", "r", "phi", "theta", "psi")))
     found = np.empty((N, 12))
     flat = flight.plant.flat
-    evaluate_path(
-        path, flight.commands, 0, np.full(N, np.nan), np.full(N, hf.RHO), DT, False, flat.P, flat.E, flat.C, flat.F,
-        flat.K, flat.T, found,
-    )  # fmt: skip
+    evaluate_path(path, flight.commands, 0, np.full(N, np.nan), np.full(N, hf.RHO), DT, False, flat.arrays, found)
     for j, axis in enumerate(("CL", "CD", "CY", "Cl", "Cm", "Cn")):
         np.testing.assert_allclose(found[:, j], flight.outputs[axis], atol=1e-9, err_msg=axis)
     for j, axis in enumerate(("ax", "ay", "az", "p_dot", "q_dot", "r_dot")):
@@ -282,7 +279,7 @@ def test_coefficients_from_the_middle_of_a_flight_on() -> None:
     found, flat, first = np.empty((N - 40, 12)), flight.plant.flat, 40
     evaluate_path(
         np.ascontiguousarray(path[first:]), flight.commands, first, np.full(N, np.nan), np.full(N, hf.RHO), DT, False,
-        flat.P, flat.E, flat.C, flat.F, flat.K, flat.T, found,
+        flat.arrays, found,
     )  # fmt: skip
     np.testing.assert_allclose(found[:, 4], flight.outputs["Cm"][first:], atol=1e-9)
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from sim_vehicle.effects import EFFECTS, THRUST_AIRSPEED, THRUST_BEND, THRUST_SLOPE
 from sim_vehicle.model.model_file import Model
+from sim_vehicle.physics.kernel_records import DrivingInputs
 from sim_vehicle.physics.layout import CHANNELS, Par
 from sim_vehicle.physics.rotation import quaternion
 from sim_vehicle.physics.simulation import simulate
@@ -63,11 +64,11 @@ def flown(model: PackedModel, given: Inputs, states: Array, coefficients: Array,
     x0[3:6], x0[10:13], x0[13] = states[:3], states[3:6], np.nan
     x0[6:10] = quaternion(*states[6:9])
     y = np.empty((given.stop - given.start, len(CHANNELS)))
-    simulate(
-        x0, 0, given.start, given.stop, given.commands, given.thrust + more_thrust, given.rho, given.interval_s,
-        given.sub_steps, given.command_first, given.held, np.zeros((0, 3)), model.P, model.E, coefficients, model.F,
-        model.K, model.T, y,
+    inputs = DrivingInputs(
+        given.commands, given.thrust + more_thrust, given.rho, given.held, np.zeros((0, 3)), given.interval_s,
+        given.sub_steps, given.command_first,
     )  # fmt: skip
+    simulate(x0, 0, given.start, given.stop, inputs, model.arrays._replace(C=coefficients), y)
     return y[:, COLUMNS]
 
 
