@@ -80,6 +80,7 @@ def identify(
     from sysid.identification.result_file import result_json
     from sysid.identify import identify as run
 
+    _expect(flight, aircraft)
     flights, judges = one_flight(flight), _several(validate_on)
     with progress_bar(progress) as shown, analysing(flights):
         found = run(
@@ -110,8 +111,8 @@ def simulate(
     Parameters
     ----------
     model : Model | Identification | str | Path
-        What is flown; a coefficient without a value counts as 0. Of an Identification the errors of sensors and the
-        delays of servos count too.
+        What is flown; a coefficient without a value counts by the mean of its estimate, else as 0. Of an
+        Identification the errors of sensors and the delays of servos count too.
     aircraft : Aircraft
         Mass, inertia, wing.
     flight : Flight
@@ -140,6 +141,7 @@ def simulate(
     from sysid.validation.held_out import comparison
     from sysid.validation.servo_replay import with_estimated_deflections
 
+    _expect(flight, aircraft)
     if restart_s is not None and restart_s <= 0.0:
         raise FlightModelError(f"restart_s is {restart_s:g}; give seconds above 0, or None")
     vehicle = aircraft.vehicle
@@ -201,7 +203,7 @@ def discrepancy(
     aircraft : Aircraft
         What is known of the aircraft.
     model : Model | Identification | str | Path
-        The baseline; a coefficient without a value begins at 0.
+        The baseline; a coefficient without a value begins at the mean of its estimate, else at 0.
     validate_on : Flight | Sequence[Flight]
         Flights on which the gap is shown, and to which nothing is fitted.
     ruled_out : Sequence[str]
@@ -227,9 +229,8 @@ def discrepancy(
     from sysid.discrepancy import discrepancy as run
     from sysid.identification.result_file import finite_json
 
-    baseline = _model(model)
-    for name in baseline.refused():
-        baseline = baseline.with_coefficient(name, 0.0)
+    _expect(flight, aircraft)
+    baseline = _model(model).with_starts()
     flights = one_flight(flight)
     with progress_bar(progress) as shown, analysing(flights):
         found = run(
@@ -260,7 +261,7 @@ def design(
     aircraft : Aircraft
         What flies.
     model : Model | Identification | str | Path
-        What is known of it; a coefficient without a value counts as 0.
+        What is known of it; a coefficient without a value counts by the mean of its estimate, else as 0.
     manoeuvres : Sequence[str]
         "multisine", "elevator-doublet", "rudder-3211", ...; they are timed and sized to the model.
     duration_s : float | None
@@ -288,9 +289,8 @@ def design(
     from gcs.design.prediction import Request
     from gcs.design.prediction import design as run
 
-    start = _model(model)
-    for name in start.refused():
-        start = start.with_coefficient(name, 0.0)
+    _expect(None, aircraft)
+    start = _model(model).with_starts()
     request = Request(tuple(manoeuvres), duration=duration_s, gusts=gusts, rate_hz=rate_hz, without=frozenset(without))
     with progress_bar(progress) as shown:
         found = run(aircraft.vehicle, start, request, shown)
@@ -298,6 +298,17 @@ def design(
 
 
 _UNITS = {"airspeed": "m/s", **dict.fromkeys(("p", "q", "r"), "rad/s"), **dict.fromkeys(("ax", "ay", "az"), "m/s^2")}
+
+
+def _expect(flight: object, aircraft: object) -> None:
+    """Raise FlightModelError, in one line, where what was given for an aircraft is none."""
+    if isinstance(aircraft, Aircraft):
+        return
+    if isinstance(flight, Aircraft):
+        raise FlightModelError("the flight comes first, then the aircraft: identify(flight, aircraft)")
+    raise FlightModelError(
+        f"a {type(aircraft).__name__} is no aircraft: make one with Aircraft.read or Aircraft.estimate"
+    )
 
 
 def _several(flights: Flight | Sequence[Flight]) -> list[Flight]:
@@ -308,4 +319,8 @@ def _model(model: ModelLike) -> Model:
     """The model of an argument that takes one in several forms."""
     if isinstance(model, Identification):
         return model.model
-    return model if isinstance(model, Model) else read_model(model)
+    if isinstance(model, Model):
+        return model
+    if isinstance(model, str | Path):
+        return read_model(model)
+    raise FlightModelError(f"a {type(model).__name__} is no model: give one that identify made, or a file of one")

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -94,6 +95,49 @@ class Identification(_Result):
     def refused(self) -> dict[str, str]:
         """Coefficient that the flight does not determine -> why."""
         return {name: one.refused for name, one in self.model.coefficients.items() if one.value is None}
+
+    @property
+    def modes(self) -> tuple[Mapping[str, Any], ...]:
+        """Modes about the mean airspeed, as the result file has them; FlightModelError where there are none."""
+        found = self.result["modes"]
+        if isinstance(found, Mapping):
+            raise FlightModelError(f"no modes: {found['refused']}")
+        return tuple(found)
+
+    @property
+    def state_space(self) -> Mapping[str, Any]:
+        """A, B, C, D of the linear model about the mean airspeed, with the names of states, inputs and outputs, SI and
+        rad; FlightModelError where the model gives none.
+        """
+        if self.result["state_space"] is None:
+            raise FlightModelError(f"no linear model: {self.result['modes']['refused']}")
+        return dict(self.result["state_space"])
+
+    @property
+    def covariance(self) -> tuple[tuple[str, ...], Array]:
+        """Names of P estimates, and the covariance (P, P) of their errors, in the units of the coefficients."""
+        found, spread = self.model.correlation, self._spread()
+        if found is None:
+            raise FlightModelError("this method says nothing of how the errors of its estimates depend on each other")
+        std = np.array([spread.get(name, np.nan) for name in found.names])
+        return found.names, np.array(found.matrix, dtype=np.float64) * np.outer(std, std)
+
+    def _spread(self) -> dict[str, float]:
+        """Standard error of every coefficient that flies, and of each parameter of an effect as `effect.parameter`."""
+        effects = {f"{one.name}.{key}": entry for one in self.model.effects for key, entry in one.parameters.items()}
+        every = {**self.model.coefficients, **effects}
+        return {name: entry.flown_std for name, entry in every.items() if entry.flown_std is not None}
+
+    def __str__(self) -> str:
+        """What a screen holds: verdict, coefficients with 95 % intervals, what was refused; `table()` has all."""
+        lines = [repr(self), *(fill(one, 98, initial_indent="- ", subsequent_indent="  ") for one in self.reasons), ""]
+        for name, entry in self.result["model"]["coefficients"].items():
+            low, high = _interval(entry)
+            if "value" in entry:
+                lines.append(f"{name:<12}{entry['value']:>12.4g}{low:>13.4g} ...{high:>11.4g}")
+        if self.refused:
+            lines += ["", fill(f"not identified: {', '.join(self.refused)}", 98)]
+        return "\n".join([*lines, "", "value and 95 % interval, per radian; table() has all, report(path) draws it"])
 
     def table(self) -> str:
         """The result as text: coefficients with intervals, sensors' errors, how well outputs are predicted."""
@@ -301,7 +345,8 @@ def _interval(entry: Mapping[str, Any]) -> tuple[float, float]:
 
 def one_flight(flights: Flight | Sequence[Flight]) -> list[Flight]:
     """The flights of an argument that takes one or several."""
-    found = [flights] if isinstance(flights, Flight) else list(flights)
+    several = isinstance(flights, Sequence) and not isinstance(flights, (str, bytes))
+    found: list[Any] = [*flights] if several else [flights]  # type: ignore[misc]
     if not found:
         raise FlightModelError("no flight was given")
     for flight in found:

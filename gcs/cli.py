@@ -11,10 +11,12 @@ import gc
 import importlib
 import os
 import pkgutil
+import shutil
 import signal
 import sys
+import textwrap
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from types import FrameType, ModuleType
 
 import gcs.commands
@@ -28,6 +30,14 @@ from sim_vehicle.errors import SimVehicleError, VehicleFileError
 _OBJECTS_BETWEEN_LOOKS = 50_000
 # Warnings that are shown in the line of an error.
 _NOTICED = 4
+#: Commands as the help lists them, by what somebody is about to do.
+GROUPS = {
+    "to begin with": ("demo", "doctor"),
+    "before a flight": ("vehicle", "calibrate", "noise", "design"),
+    "in flight": ("record", "serve", "station", "token", "replay"),
+    "recordings and logs": ("import", "export", "info", "recover", "repair"),
+    "after a flight": ("check", "identify", "report", "discrepancy", "batch", "export-model"),
+}
 _WRONG_USE = (SettingsError, LinkUrlError, VehicleFileError)
 
 
@@ -37,13 +47,37 @@ def _modules() -> list[ModuleType]:
     return [importlib.import_module(f"gcs.commands.{name}") for name in names]
 
 
+class _InGroups(argparse.RawDescriptionHelpFormatter):
+    """Help whose description lists the commands; argparse alone would once more, in one long row."""
+
+    def add_argument(self, action: argparse.Action) -> None:
+        if not isinstance(action, argparse._SubParsersAction):
+            super().add_argument(action)
+
+
+def _overview(about: Mapping[str, str]) -> str:
+    """What the program is for, and its commands in groups."""
+    lines = ["Ground station: from telemetry to a flight model."]
+    width = max(min(shutil.get_terminal_size().columns, 110), 60)
+    for title, names in GROUPS.items():
+        lines += ["", f"{title}:"]
+        for name in names:
+            lines += textwrap.wrap(about[name], width, initial_indent=f"  {name:<14}", subsequent_indent=" " * 16)
+    return "\n".join([*lines, "", "`gcs COMMAND --help` has the options of each."])
+
+
 def build_parser() -> argparse.ArgumentParser:
     """The parser of all commands."""
-    parser = argparse.ArgumentParser(prog="gcs", description="Ground station: from telemetry to a flight model.")
+    modules = _modules()
+    parser = argparse.ArgumentParser(
+        prog="gcs", usage="%(prog)s [-h] [--version] [--print-completion SHELL] COMMAND ...",
+        description=_overview({module.NAME: module.HELP for module in modules}),
+        formatter_class=_InGroups,
+    )  # fmt: skip
     parser.add_argument("--version", action="version", version=f"gcs {VERSION}")
     add_completion(parser)
-    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for module in _modules():
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND")
+    for module in modules:
         command = commands.add_parser(module.NAME, help=module.HELP, description=module.HELP)
         module.add_arguments(command)
         command.add_argument("--quiet", action="store_true", help="no progress and no remarks on standard error")
@@ -70,7 +104,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(arguments: Sequence[str] | None) -> int:
-    args = build_parser().parse_args(arguments)
+    parser = build_parser()
+    args = parser.parse_args(arguments)
+    if args.command is None:
+        parser.print_help()
+        return 0
     from gcs.options.outputs import outputs_of
     from sysid.errors import SysidError  # which loads scipy: not for --help
 

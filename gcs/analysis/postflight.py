@@ -158,9 +158,7 @@ def discrepancy(
 
     craft = load_flown(vehicle, paths, system, start, stop)
     baseline = read_model(model)
-    unknown = baseline.unknown()
-    for name in baseline.refused():  # they are estimated with the others; without a value nothing flies
-        baseline = baseline.with_coefficient(name, baseline.coefficients[name].mean or 0.0)
+    unknown, baseline = baseline.unknown(), baseline.with_starts()
     progress(0.0, "reading the recordings")
     with naming_cuts([*paths, *validate]):
         flights, judges = read_flights(paths, craft, system), read_flights(validate, craft, system)

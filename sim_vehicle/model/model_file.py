@@ -122,6 +122,13 @@ class Model:
         """Names of the coefficients of which nothing is known that could fly."""
         return [name for name in self.refused() if self.coefficients[name].mean is None]
 
+    def with_starts(self) -> Model:
+        """The model with a value for every coefficient, as a search for better ones begins: what is refused has the
+        mean of its estimate, and 0 where nothing is known of it.
+        """
+        starts = {name: Coefficient(self.coefficients[name].mean or 0.0) for name in self.refused()}
+        return replace(self, coefficients={**self.coefficients, **starts})
+
     def effect(self, name: str) -> dict[str, float] | None:
         """Parameter values of an effect, None where the model does not have it."""
         for effect in self.effects:

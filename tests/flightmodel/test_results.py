@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from flightmodel import Aircraft, Flight, FlightModelError, Identification, design, discrepancy, identify, simulate
-from sim_vehicle.model.model_file import read_model
+from sim_vehicle.model.model_file import Coefficient, read_model
 
 pytestmark = pytest.mark.whole_flight
 
@@ -43,6 +44,44 @@ def test_an_identification_is_a_table_a_frame_a_picture_and_files(result: Identi
     assert read_model(tmp_path / "m.json").values() == result.values
     assert "<html" in (tmp_path / "a.html").read_text()
     assert (tmp_path / "a.png").stat().st_size > 20_000
+
+
+def test_a_result_fits_a_screen_and_has_what_engineers_ask_of_it(result: Identification) -> None:
+    shown = str(result).splitlines()
+    assert len(shown) <= 40
+    assert max(map(len, shown)) <= 100
+    assert {str(one["name"]) for one in result.modes} >= {"short period", "Dutch roll"}
+    assert np.array(result.state_space["A"]).shape == (len(result.state_space["states"]),) * 2
+    names, covariance = result.covariance
+    assert covariance.shape == (len(names),) * 2
+    assert np.sqrt(np.diag(covariance)) == pytest.approx([result.stds[name] for name in names])
+    assert np.linalg.eigvalsh(covariance / np.outer(*2 * [np.sqrt(np.diag(covariance))])).min() > -1e-9
+
+
+def test_what_is_no_flight_no_aircraft_or_no_model_is_said_in_a_line(flight: Flight, aircraft: Aircraft) -> None:
+    wrong: list[tuple[object, object, str]] = [
+        (aircraft, flight, "the flight comes first, then the aircraft"),
+        (flight, "ultrastick25e", "a str is no aircraft: make one with Aircraft.read"),
+        (flight, None, "a NoneType is no aircraft"),
+        ("flight.mcap", aircraft, "a str is no flight"),
+        (None, aircraft, "a NoneType is no flight"),
+        ([flight, 3], aircraft, "a int is no flight"),
+    ]
+    for one, other, words in wrong:
+        with pytest.raises(FlightModelError, match=words):
+            identify(one, other, progress=False)  # type: ignore[arg-type]
+    with pytest.raises(FlightModelError, match="a int is no model"):
+        discrepancy(flight, aircraft, 3, progress=False)  # type: ignore[arg-type]
+    with pytest.raises(FlightModelError, match="a float is no aircraft"):
+        design(1.0, "ultrastick25e", progress=False)  # type: ignore[arg-type]
+
+
+def test_a_coefficient_that_is_refused_begins_at_the_mean_of_its_estimate() -> None:
+    model = read_model("ultrastick25e")
+    refused = {"Cm_0": Coefficient(None, refused="not told", mean=0.03), "Cm_q": Coefficient(None, refused="not told")}
+    starts = replace(model, coefficients={**model.coefficients, **refused}).with_starts().values()
+    assert (starts["Cm_0"], starts["Cm_q"]) == (0.03, 0.0)
+    assert starts["CL_alpha"] == model.values()["CL_alpha"]
 
 
 def test_a_model_is_flown_with_the_flight_s_inputs(

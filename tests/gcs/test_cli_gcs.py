@@ -15,7 +15,7 @@ import pytest
 from patience import PATIENCE_S
 from traffic import SECOND, Vehicle, batch, wait_until
 
-from gcs.cli import main
+from gcs.cli import GROUPS, _modules, main
 from gcs.mavlink.dialect import Dialect
 from gcs.recording.reader import Recording
 from gcs.station.capture import Capture
@@ -171,13 +171,24 @@ def test_a_vehicle_file_that_cannot_be_used_is_exit_code_2(
 
 
 @pytest.mark.parametrize(
-    "arguments", [[], ["paint"], ["info"], ["record", "-o", "x.mcap"], ["replay", "x", "--speed", "y"]]
+    "arguments", [["paint"], ["info"], ["record", "-o", "x.mcap"], ["replay", "x", "--speed", "y"]]
 )
 def test_wrong_use_is_exit_code_2(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as exit_:
         main(arguments)
     assert exit_.value.code == 2
     assert "usage" in capsys.readouterr().err
+
+
+def test_without_a_command_the_help_is_shown_with_every_command_in_one_group(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main([]) == 0
+    shown = capsys.readouterr().out
+    grouped = [name for names in GROUPS.values() for name in names]
+    assert sorted(grouped) == sorted(module.NAME for module in _modules())
+    assert all(f"\n  {name:<14}" in shown for name in grouped)
+    assert all(f"\n{title}:\n" in shown for title in GROUPS)
 
 
 def test_calibrate_prints_a_line_through_its_points(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
