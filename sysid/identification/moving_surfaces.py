@@ -61,7 +61,10 @@ def with_surfaces_as_they_moved(
     positions = _as_positions(vehicle)
     if positions is None:
         return None
-    moving = [one.as_measured(positions, *span_s, anew=True) for one in read.fitted]
+    try:
+        moving = [one.as_measured(positions, *span_s, anew=True) for one in read.fitted]
+    except SysidError:  # as positions they cannot be read
+        return None
     again = compatible if list(map(_parts, moving)) == list(map(_parts, prepared)) else check_compatibility(moving)
     held, moved = corrected_parts(prepared, positions, compatible), corrected_parts(moving, positions, again)
     return MovingSurfaces(moving, again, positions) if _between_samples(held, moved, positions) else None

@@ -1,7 +1,7 @@
 """Airspeed whose sensor gives one value throughout: believed where the motion bears it out, else made from GPS.
 
 The velocity over ground is that through the air and the wind together, v_g = V d + w, with d the direction of flight by
-attitude and vanes (Klein & Morelli, Aircraft System Identification, 2nd ed., 2016, section 10.4). What of v_g stands
+attitude and vanes (Klein & Morelli, Aircraft System Identification, 2nd ed., 2016, chapter 10). What of v_g stands
 across d gives the wind; how fast the speed changes, the accelerometers say.
 """
 
