@@ -189,6 +189,9 @@ def test_without_a_command_the_help_is_shown_with_every_command_in_one_group(
     assert sorted(grouped) == sorted(module.NAME for module in _modules())
     assert all(f"\n  {name:<14}" in shown for name in grouped)
     assert all(f"\n{title}:\n" in shown for title in GROUPS)
+    with pytest.raises(SystemExit):
+        main(["identify", "--help"])
+    assert capsys.readouterr().out.startswith("usage: gcs identify [-h] --vehicle FILE ")
 
 
 def test_calibrate_prints_a_line_through_its_points(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
