@@ -204,6 +204,7 @@ def _identify_by_classical_method(
     asked: Request, method: str, read: FlightsRead, known: CompatibilityResult | None = None
 ) -> Identification:
     """`identify` with equation error, output error or filter error. known: the flights' data compatibility."""
+    read.require_airspeed()
     prepared = [one.as_measured(asked.vehicle, asked.start_s, asked.stop_s) for one in read.fitted]
     require_thrust(prepared)
     asked.progress(0.10, "data compatibility")

@@ -49,11 +49,6 @@ class RepairedFlight:
         """
         if self.doubt is not None:
             raise self.doubt
-        if self.airspeed_std:
-            raise SignalError(
-                f"{self.signals.name}: the airspeed repeats one value: its sensor is dead or not connected;"
-                " --method map does without it"
-            )
         if self.whole and not anew:
             return self.prepared
         try:
@@ -94,6 +89,15 @@ class FlightsRead:
     def mistakes(self) -> tuple[Mistake, ...]:
         """What was mended in the flights that are fitted, or reported of them."""
         return tuple({one.sentence: one for each in self.fitted for one in each.mistakes}.values())
+
+    def require_airspeed(self) -> None:
+        """Raise SignalError for methods without doubts of their inputs, where a dead sensor's airspeed was made up."""
+        for one in self.fitted:
+            if one.airspeed_std:
+                raise SignalError(
+                    f"{one.signals.name}: the airspeed repeats one value: its sensor is dead or not connected;"
+                    " --method map does without it"
+                )
 
     def doubted(self, vehicle: Vehicle) -> Vehicle:
         """The aircraft as these flights measured it: with the doubt of an airspeed that something else stands for."""

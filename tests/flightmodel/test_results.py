@@ -58,6 +58,15 @@ def test_a_result_fits_a_screen_and_has_what_engineers_ask_of_it(result: Identif
     assert np.linalg.eigvalsh(covariance / np.outer(*2 * [np.sqrt(np.diag(covariance))])).min() > -1e-9
 
 
+def test_a_flight_with_a_dead_pitot_is_identified_and_simulated(flight: Flight, aircraft: Aircraft) -> None:
+    signals = flight.signals.signals
+    dead = replace(signals["airspeed"], values=np.zeros_like(signals["airspeed"].values))
+    without = replace(flight, signals=replace(flight.signals, signals={**signals, "airspeed": dead}))
+    found = identify(without, aircraft, progress=False)
+    assert any("GPS velocity" in line for line in found.warnings)
+    assert simulate(found, aircraft, without, restart_s=5.0).tic["q"] < 0.2
+
+
 def test_what_is_no_flight_no_aircraft_or_no_model_is_said_in_a_line(flight: Flight, aircraft: Aircraft) -> None:
     wrong: list[tuple[object, object, str]] = [
         (aircraft, flight, "the flight comes first, then the aircraft"),

@@ -62,6 +62,7 @@ def compare(asked: Asked, read: FlightsRead, propose: Callable[[], Sequence[Name
     Raises SysidError subclasses in one line.
     """
     progress, vehicle, model = asked.progress, asked.vehicle, asked.model
+    read.require_airspeed()
     prepared = [one.as_measured(vehicle, asked.start_s, asked.stop_s) for one in read.fitted]
     progress(0.08, "data compatibility")
     compatible, span = check_compatibility(prepared), (asked.start_s, asked.stop_s)
