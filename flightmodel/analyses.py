@@ -133,9 +133,11 @@ def simulate(
     >>> flown.tic["q"] < 0.05
     True
     """
-    from sysid.compatibility.reconstruction import smoothed_states
+    from sysid.compatibility.reconstruction import check_compatibility, smoothed_states
+    from sysid.identification.moving_surfaces import with_surfaces_as_they_moved
     from sysid.identification.repaired_flight import read_flights
     from sysid.posterior.stated_priors import as_estimated
+    from sysid.problem.formulation import timing_of
     from sysid.problem.free_run import free_run, start_read_alike
     from sysid.signals.record import OUTPUTS, STATES
     from sysid.validation.held_out import comparison
@@ -145,17 +147,23 @@ def simulate(
     if restart_s is not None and restart_s <= 0.0:
         raise FlightModelError(f"restart_s is {restart_s:g}; give seconds above 0, or None")
     vehicle = aircraft.vehicle
-    (read,) = read_flights([flight.of(aircraft)], [], vehicle, (), start_s, stop_s).fitted
+    flights = read_flights([flight.of(aircraft)], [], vehicle, (), start_s, stop_s)
+    (read,) = flights.fitted
     prepared = read.as_measured(vehicle, start_s, stop_s)
     errors: dict[str, tuple[float, float, str]] = {}
     if isinstance(model, Identification) and model.posterior is not None:
         errors = dict(model.posterior.sensor_errors())
         (prepared,) = with_estimated_deflections([prepared], [read.signals], vehicle, model.posterior)
         vehicle = as_estimated(vehicle, model.posterior.of_aircraft())
-    elif isinstance(model, Identification):
+    else:
+        compatible, span = check_compatibility([prepared]), (start_s, stop_s)
+        moving = with_surfaces_as_they_moved(flights, vehicle, span, [prepared], compatible)
+        if moving is not None:
+            (prepared,), vehicle = moving.prepared, moving.vehicle
+    if isinstance(model, Identification) and model.posterior is None:
         entries = model.result["sensor_errors"].items()
         errors = {name: (entry["value"], entry["std"], entry["unit"]) for name, entry in entries}
-    fixed = comparison([prepared], vehicle, _model(model), errors, 0.0).model
+    fixed = comparison([prepared], vehicle, _model(model), errors, timing_of([prepared], False)).model
     times: list[Array] = []
     z: list[Array] = []
     y: list[Array] = []
