@@ -127,7 +127,10 @@ class WhittleLikelihood:
         return total if np.isfinite(total) else np.inf
 
     def normal(self, at: Point) -> tuple[Array, Array]:
-        """Information (P, P) and gradient downhill (P,), prior included."""
+        """Information (P, P) and gradient downhill (P,), prior included.
+
+        Raises EstimationError where a neighbour of the point diverges: the slopes are differences.
+        """
         off = at.theta - self.prior.mean
         H, g = self.prior.information.copy(), -(self.prior.information @ off)
         for i, residual in enumerate(at.residuals):
@@ -135,6 +138,8 @@ class WhittleLikelihood:
             e = self.whitened(i, residual[:, :, None])[:, 0]
             H += J.T @ J
             g += J.T @ e
+        if not (np.isfinite(H).all() and np.isfinite(g).all()):
+            raise EstimationError("the simulated motion diverges beside the estimate")
         return H, g
 
     def profile_cost(self, theta: Array) -> float:
