@@ -60,7 +60,7 @@ class Plant:
         skew = model.effect("sensor_time_skew") or {"delay": 0.0, "group": 0.0}
         self._skew = skew["delay"]
         self._late = [j for j in range(len(CHANNELS)) if is_late(j, skew["group"])] if self._skew > 0.0 else []
-        self._scratch = np.zeros((5, STATE_SIZE))
+        self._scratch = np.zeros((6, STATE_SIZE))
         self._rate = np.zeros(STATE_SIZE)
         self._mean = np.zeros(4)
 

@@ -1,7 +1,8 @@
 """From the command to the surface: delay, dead band, lag, rate limit, free play, linkage, gain (compiled).
 
-The command is held between ticks. Every element is advanced exactly over a sub-step under that held command, and
-hands on both its mean over the sub-step (what the motion feels) and its value at the end (what a sensor then sees).
+The command is held between ticks, or goes in a straight line about its mean where it has a rise. Every element is
+advanced exactly over a sub-step under the command's mean there, and hands on both its mean over the sub-step (what the
+motion feels) and its value at the end (what a sensor then sees).
 """
 
 import numpy as np
@@ -30,18 +31,34 @@ _CUBIC, _CUBIC_K = slot("linkage_nonlinearity"), slot("linkage_nonlinearity", "c
 _BAND, _BAND_WIDTH = slot("servo_deadband"), slot("servo_deadband", "width")
 _MOTOR, _MOTOR_TAU = slot("motor_lag"), slot("motor_lag", "tau")
 _MOTOR_TAU_PAR = int(Par.motor_tau)
+# First column of the commands in which the rises of the surfaces may stand.
+RISE_COLUMN = 6
+
+
+@jit
+def commanded(commands: Array, tick: int, channel: int, share: float) -> float:
+    """Command of a surface, rad, a share of the way from a tick to the next.
+
+    commands: (N, 4) or (N, 6) held, or (N, 9), the last three columns what de, da and dr rise by over each interval,
+    about means in the first three.
+    """
+    command: float = commands[tick, channel]
+    if commands.shape[1] > RISE_COLUMN:
+        command += commands[tick, RISE_COLUMN + channel] * (share - 0.5)
+    return command
 
 
 @jit
 def delayed_mean(commands: Array, tick: int, channel: int, begin: float, end: float, delay: float, dt: float) -> float:
-    """Mean over [begin, end] after `tick` of a command held between ticks and delayed by `delay`; times in s."""
+    """Mean over [begin, end] after `tick` of a command that is `commanded` and delayed by `delay`; times in s."""
     low, high = begin - delay, end - delay
     total = 0.0
     index = int(np.floor(low / dt))
     while index * dt < high:
         left, right = max(low, index * dt), min(high, (index + 1) * dt)
         row = min(max(tick + index, 0), tick)
-        total += commands[row, channel] * max(right - left, 0.0)
+        share = 0.5 * (left + right) / dt - index
+        total += commanded(commands, row, channel, share) * max(right - left, 0.0)
         index += 1
     return total / (high - low)
 
@@ -101,10 +118,10 @@ def advance_actuators(
 
     Parameters
     ----------
-    commands : Array, shape (N, 4) or wider
-        de, da, dr [rad] and throttle (0 to 1), as held from each tick on; further columns do not count.
+    commands : Array, shape (N, 4), (N, 6) or (N, 9)
+        de, da, dr [rad] and throttle (0 to 1), as of `DrivingInputs`.
     tick : int
-        Row of `commands` that is held.
+        Row of `commands` that acts.
     begin : float
         Time from the tick to the step's begin, s.
     step : float
@@ -119,8 +136,9 @@ def advance_actuators(
         Results, written over: de, da, dr [rad] and throttle (0 to 1), mean over the step and value at its end.
     """
     delay = E[_DELAY_S] if E[_DELAY] != 0.0 else 0.0
+    rises = commands.shape[1] > RISE_COLUMN
     for channel in range(3):
-        command = commands[tick, channel]
+        command = commanded(commands, tick, channel, (begin + 0.5 * step) / dt)
         if delay > 0.0:
             command = delayed_mean(commands, tick, channel, begin, begin + step, delay, dt)
         if E[_BAND] != 0.0:
@@ -128,6 +146,8 @@ def advance_actuators(
             actuators[ACCEPTED_PLACE + channel] = command
         position = actuators[2 * channel]
         target, middle = command, command
+        if rises and delay == 0.0 and E[_BAND] == 0.0:
+            target = commanded(commands, tick, channel, (begin + step) / dt)
         lags = E[_LAG] != 0.0 and E[_LAG_TAU] > 0.0
         if lags:
             target = lagged_position(position, command, step, E[_LAG_TAU])
@@ -160,8 +180,8 @@ def surfaces_after_command(commands: Array, tick: int, dt: float, E: Array, end:
 
     Parameters
     ----------
-    commands : Array, shape (N, 4) or wider
-        de, da, dr [rad] and throttle (0 to 1), as held from each tick on; further columns do not count.
+    commands : Array, shape (N, 4), (N, 6) or (N, 9)
+        de, da, dr [rad] and throttle (0 to 1), as of `DrivingInputs`.
     tick : int
         Row of `commands` that acts.
     dt : float
@@ -176,4 +196,4 @@ def surfaces_after_command(commands: Array, tick: int, dt: float, E: Array, end:
     if lags or delays or E[_RATE] != 0.0 or remembers:
         return
     for channel in range(3):
-        end[channel] = deflection(channel, commands[tick, channel], E)
+        end[channel] = deflection(channel, commanded(commands, tick, channel, 0.0), E)

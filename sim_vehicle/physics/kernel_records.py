@@ -41,10 +41,11 @@ class DrivingInputs(NamedTuple):
 
     Attributes
     ----------
-    commands : Array, shape (N, 4) or (N, 6)
+    commands : Array, shape (N, 4), (N, 6) or (N, 9)
         de, da, dr [rad] and throttle (0 to 1), held from each sample on. Two more inputs at each sample: the height
         [m], which counts instead of the integrated one where it is not NaN, and the way, -1 to 1, in which the thrust
-        sensor's reading moves.
+        sensor's reading moves. Three more where surfaces go in straight lines from sample to sample: what de, da and dr
+        rise by [rad], about means in the first columns.
     thrust : Array, shape (N,)
         Thrust as the sensor reads it, N; NaN where it follows from the throttle.
     rho : Array, shape (N,)
@@ -98,7 +99,7 @@ class TickInputs(NamedTuple):
 
     Attributes
     ----------
-    commands : Array, shape (N, 4) or (N, 6)
+    commands : Array, shape (N, 4), (N, 6) or (N, 9)
         As of `DrivingInputs`.
     row : int
         Row of `commands` to fly from.
@@ -154,8 +155,8 @@ class TickWork(NamedTuple):
     ----------
     W : Array, shape (WORK_SIZE,)
         Regressors, by-products (`Aux`) and the time, which alone counts before the tick, SI units.
-    scratch : Array, shape (5, 14)
-        Stages of a Runge-Kutta step, SI units and rad.
+    scratch : Array, shape (6, 14)
+        Stages of a Runge-Kutta step, and surfaces at its begin, SI units and rad.
     mean : Array, shape (4,)
         Mean surfaces over a step, rad, and throttle (0 to 1).
     rate : Array, shape (14,)

@@ -9,8 +9,14 @@ from sim_vehicle.effects import START_TIME, slot
 from sim_vehicle.effects.sensor_time_skew import delay_channels, split_delay
 from sim_vehicle.effects.thrust_sensor_hysteresis import load_behind
 from sim_vehicle.jit import jit, jit_arrays
-from sim_vehicle.physics.actuation import advance_actuators, start_actuators, surfaces_after_command, surfaces_at_rest
-from sim_vehicle.physics.dynamics import derivatives, runge_kutta_step
+from sim_vehicle.physics.actuation import (
+    RISE_COLUMN,
+    advance_actuators,
+    start_actuators,
+    surfaces_after_command,
+    surfaces_at_rest,
+)
+from sim_vehicle.physics.dynamics import derivatives, runge_kutta_along, runge_kutta_step
 from sim_vehicle.physics.ideal_sensors import read_sensors
 from sim_vehicle.physics.kernel_records import DrivingInputs, ModelArrays, Moment, TickInputs, TickState, TickWork
 from sim_vehicle.physics.layout import ACTUATOR_SIZE, SENSOR_SIZE, STATE_SIZE, WORK_SIZE, Aux
@@ -80,8 +86,8 @@ def undo_hysteresis(thrust: Array, commands: Array, E: Array) -> Array:
     ----------
     thrust : Array, shape (N,)
         Thrust as the sensor reads it, N; NaN where it follows from the throttle.
-    commands : Array, shape (N, 4) or (N, 6)
-        As of `DrivingInputs`; the last of six columns is the way, -1 to 1, in which the reading moves.
+    commands : Array, shape (N, 4), (N, 6) or (N, 9)
+        As of `DrivingInputs`; the sixth column is the way, -1 to 1, in which the reading moves.
     E : Array, shape (slots,)
         Effect vector (`sim_vehicle.effects`), SI units.
 
@@ -96,6 +102,15 @@ def undo_hysteresis(thrust: Array, commands: Array, E: Array) -> Array:
     for k in range(thrust.size):
         pull[k] = load_behind(thrust[k], commands[k, WAY_COLUMN], E[_HYST_W])
     return pull
+
+
+@jit
+def begin_of_step(mean: Array, end: Array, first: Array) -> None:
+    """Surfaces and throttle at the begin of a step over which they go in straight lines, into the first four entries of
+    `first`. mean, end: (4,) over the step and at its end.
+    """
+    for c in range(4):
+        first[c] = 2.0 * mean[c] - end[c]
 
 
 @jit
@@ -114,8 +129,8 @@ def tick(
         State (`sim_vehicle.physics.layout`), SI units and rad; changed in place.
     actuators : Array, shape (ACTUATOR_SIZE,)
         State of the actuators, rad and throttle (0 to 1); changed in place.
-    commands : Array, shape (N, 4) or (N, 6)
-        de, da, dr [rad] and throttle (0 to 1), held from each sample on; two more inputs as of `DrivingInputs`.
+    commands : Array, shape (N, 4), (N, 6) or (N, 9)
+        de, da, dr [rad] and throttle (0 to 1), and what else is of `DrivingInputs`.
     row : int
         Row of `commands` to fly from.
     dt : float
@@ -140,7 +155,7 @@ def tick(
         Factor indices, kinds and axis bounds of the aerodynamic terms.
     W : Array, shape (WORK_SIZE,)
         Work array: regressors, by-products (`Aux`) and the time, SI units.
-    scratch : Array, shape (5, 14)
+    scratch : Array, shape (6, 14)
         Work, written over.
     mean : Array, shape (4,)
         Work, written over: mean surfaces over a step, rad, and throttle.
@@ -151,7 +166,12 @@ def tick(
     for i in range(sub_steps):
         advance_actuators(commands, row, i * step, step, dt, P, E, actuators, mean, end)
         W[_TIME] = begin + (i + 0.5) * step
-        runge_kutta_step(x, mean, measured_thrust, wind, gust, rho, step, slopes, P, E, C, F, K, T, W, scratch)
+        if commands.shape[1] > RISE_COLUMN:
+            begin_of_step(mean, end, scratch[5])
+            runge_kutta_along(x, scratch[5], mean, end, measured_thrust, wind, gust, rho, step, slopes, P, E, C, F, K,
+                              T, W, scratch)  # fmt: skip
+        else:
+            runge_kutta_step(x, mean, measured_thrust, wind, gust, rho, step, slopes, P, E, C, F, K, T, W, scratch)
     W[_TIME] = begin + dt
 
 
@@ -199,7 +219,12 @@ def read_within_tick(
         if length > 0.0:
             advance_actuators(commands, row, i * step, length, dt, P, E, actuators, mean, end)
             W[_TIME] = begin + i * step + 0.5 * length
-            runge_kutta_step(x, mean, thrust, wind, gust, rho, length, slopes, P, E, C, F, K, T, W, scratch)
+            if commands.shape[1] > RISE_COLUMN:
+                begin_of_step(mean, end, scratch[5])
+                runge_kutta_along(x, scratch[5], mean, end, thrust, wind, gust, rho, length, slopes, P, E, C, F, K, T,
+                                  W, scratch)  # fmt: skip
+            else:
+                runge_kutta_step(x, mean, thrust, wind, gust, rho, length, slopes, P, E, C, F, K, T, W, scratch)
     W[_TIME] = begin + share * dt
     derivatives(x, end, moment.thrust, wind, moment.gust, rho, P, E, C, F, K, T, W, rate)
     read_sensors(x, W, P, E, dt, sensor, y)
@@ -278,7 +303,7 @@ def simulate(x0: Array, first: int, start: int, stop: int, inputs: DrivingInputs
     P, E, C, F, K, T = model
     x = x0.copy()
     actuators, sensor = np.zeros(ACTUATOR_SIZE), np.zeros(SENSOR_SIZE)
-    W, scratch, rate = np.zeros(WORK_SIZE), np.zeros((5, STATE_SIZE)), np.zeros(STATE_SIZE)
+    W, scratch, rate = np.zeros(WORK_SIZE), np.zeros((6, STATE_SIZE)), np.zeros(STATE_SIZE)
     mean, end, now, still = np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(3)
     slopes = np.zeros(6 if held.shape[0] > 0 else 0)
     thrust = undo_hysteresis(thrust, commands, E)
@@ -383,8 +408,8 @@ def evaluate_path(
     ----------
     states : Array, shape (N, 9)
         u v w [m/s], p q r [rad/s], phi theta psi [rad] at the samples from `first` of the commands on.
-    commands : Array, shape (M, 4) or (M, 6)
-        de, da, dr [rad] and throttle (0 to 1), held from each sample on; two more inputs as of `DrivingInputs`.
+    commands : Array, shape (M, 4), (M, 6) or (M, 9)
+        de, da, dr [rad] and throttle (0 to 1), and what else is of `DrivingInputs`.
     first : int
         Sample of the commands at which the states begin.
     thrust : Array, shape (M,)

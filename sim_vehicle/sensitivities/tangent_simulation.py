@@ -320,7 +320,7 @@ def simulate_tangents(
     n = columns.size
     blocks = (n + WIDTH - 1) // WIDTH
     X, lanes, reading = np.zeros((blocks, BLOCK)), np.empty((5, BLOCK)), np.empty(WIDTH)
-    actuators, W, scratch = np.zeros(ACTUATOR_SIZE), np.zeros(WORK_SIZE), np.zeros((5, STATE_SIZE))
+    actuators, W, scratch = np.zeros(ACTUATOR_SIZE), np.zeros(WORK_SIZE), np.zeros((6, STATE_SIZE))
     mean, end, now, still = np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(3)
     flow, D, J, R = np.zeros((3, 3)), np.zeros((6, _REGRESSORS)), np.zeros((6, COLUMNS)), np.zeros((6, COLUMNS))
     part, angles, by_shear = np.zeros((4, COLUMNS)), np.zeros((3, 4)), np.empty((3, 7))

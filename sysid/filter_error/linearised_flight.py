@@ -256,7 +256,7 @@ class FilteredFlight:
         """What the motion feels (N, sub, 3, 4) and what sensors see (N, 4) of the surfaces along a record."""
         record, sub_steps = self.records[k], self.predictor.sub_steps
         over, seen = np.empty((record.length, sub_steps, 3, 4)), np.empty((record.length, 4))
-        commands = held_by_dead_band(record.commands, record, flat.E)
+        commands = with_other_inputs(held_by_dead_band(record.commands, record, flat.E), record, flat.E)
         run_actuators(commands, record.start, record.length, record.interval_s, sub_steps,
                       float(self.predictor.command_first), flat.P, flat.E, over, seen)  # fmt: skip
         return over, seen

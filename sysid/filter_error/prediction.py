@@ -15,7 +15,13 @@ from numpy.typing import NDArray
 
 from sim_vehicle.effects import START_TIME, slot
 from sim_vehicle.jit import jit, jit_arrays
-from sim_vehicle.physics.actuation import advance_actuators, start_actuators, surfaces_after_command, surfaces_at_rest
+from sim_vehicle.physics.actuation import (
+    RISE_COLUMN,
+    advance_actuators,
+    start_actuators,
+    surfaces_after_command,
+    surfaces_at_rest,
+)
 from sim_vehicle.physics.dynamics import derivatives, runge_kutta_along
 from sim_vehicle.physics.ideal_sensors import read_sensors
 from sim_vehicle.physics.layout import ACTUATOR_SIZE, SENSOR_SIZE, STATE_SIZE, WORK_SIZE, Aux, Par
@@ -35,12 +41,12 @@ def run_actuators(
 ) -> None:  # fmt: skip
     """Surfaces and throttle along a record, which no state acts on.
 
-    commands: (M, 4). over: (length, sub_steps, 3, 4) result, what the motion feels at the begin, in the middle and at
-    the end of every step, its mean by Simpson's rule the true one. seen: (length, 4) result, what sensors see at the
-    samples.
+    commands: (M, 4), or (M, 9) where surfaces go in straight lines from sample to sample. over: (length, sub_steps, 3,
+    4) result, what the motion feels at the begin, in the middle and at the end of every step, its mean by Simpson's
+    rule the true one. seen: (length, 4) result, what sensors see at the samples.
     """
     actuators, mean, end, before = np.zeros(ACTUATOR_SIZE), np.zeros(4), np.zeros(4), np.zeros(4)
-    servos = (E[_LAG] != 0.0 and E[_TAU] > 0.0) or E[_RATE] != 0.0
+    servos = (E[_LAG] != 0.0 and E[_TAU] > 0.0) or E[_RATE] != 0.0 or commands.shape[1] > RISE_COLUMN
     motor = (E[_MOTOR_TAU] if E[_MOTOR] != 0.0 else P[_OWN_TAU]) > 0.0
     step = dt / sub_steps
     start_actuators(commands[0], actuators)

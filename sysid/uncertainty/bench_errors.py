@@ -37,8 +37,8 @@ from sysid.uncertainty.systematic import SHARE
 _OF_LINKAGE = ("_gain_std", "_bias_std")
 MEASURED = ("alpha", "beta", "airspeed")
 #: Where surfaces move between their samples: what is known at best of when they were where, s, by the whole
-#: milliseconds of a log's stamps; and how fast a small aircraft's fastest mode is, rad/s. An interval counts by its
-#: mean: to a mode of a rad/s what moves within it seems a dt^2 / 12 away from when it did.
+#: milliseconds of a log's stamps; and how fast a small aircraft's fastest mode is, rad/s. Between samples they go in
+#: lines: to a mode of a rad/s what moved otherwise, and was at its mean all the while, seems a dt^2 / 12 away.
 SURFACE_CLOCK, _STAMPS_STD_S, _FASTEST = "surface_clock", 5e-4, 30.0
 
 

@@ -132,7 +132,7 @@ class _Steps:
         actuators, surfaces = (one.copy() for one in self._servos[k])
         place = [truth[name][k] for name in ("north", "east", "down")]
         x = np.concatenate((place, nine[:3], quaternion(*(float(a) for a in nine[6:])), nine[3:6], [np.nan]))
-        W, scratch, rate = np.zeros(WORK_SIZE), np.zeros((5, STATE_SIZE)), np.zeros(STATE_SIZE)
+        W, scratch, rate = np.zeros(WORK_SIZE), np.zeros((6, STATE_SIZE)), np.zeros(STATE_SIZE)
         reading, mean = np.zeros(len(CHANNELS)), np.zeros(4)
         W[Aux.time] = self._effects[START_TIME] + k * dt
         model = flat.arrays._replace(E=self._effects)

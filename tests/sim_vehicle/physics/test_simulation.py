@@ -110,6 +110,35 @@ def test_the_coarse_steps_of_an_estimator_are_good_enough(sub_steps: int) -> Non
     assert worst.max() < 0.2
 
 
+@pytest.mark.parametrize(("effect", "share"), [("", 0.1), ("actuator_lag", 0.3)])
+def test_surfaces_that_go_in_lines_read_what_a_plant_reads_that_gets_them_finely(effect: str, share: float) -> None:
+    """A plant that is sent 64 commands a tick along the lines; by means alone the rates are off by a dt^2 / 12."""
+    fine = 64
+    plant = Plant(hf.vehicle(tau=0.0), hf.model_with({effect: VALUES[effect]} if effect else {}), max_step=DT / fine)
+    knots = hf.SURFACES + np.random.default_rng(12).normal(0.0, 0.05, (N, 4)) * [1.0, 1.0, 1.0, 0.0]
+    knots[:2] = hf.SURFACES
+    state = plant.state_at(hf.body_state(), hf.SURFACES, hf.SURFACES)
+    plant.evaluate(state, hf.STILL, hf.STILL, 0.0)
+    x0, readings = state.x.copy(), np.empty((N, len(CHANNELS)))
+    for k in range(N):
+        readings[k] = state.reading
+        for i in range(fine if k < N - 1 else 0):
+            plant.step(state, knots[k] + (i + 0.5) / fine * (knots[k + 1] - knots[k]), DT / fine)
+    rises = np.diff(knots[:, :3], axis=0, append=knots[-1:, :3])
+    means = knots + 0.5 * np.column_stack((rises, np.zeros(N)))
+    others = np.tile([np.nan, 0.0], (N, 1))
+
+    def off(commands: Array) -> Array:
+        y = np.empty((N, len(CHANNELS)))
+        drive = DrivingInputs(commands, np.full(N, np.nan), np.full(N, hf.RHO), FREE, STILL_AIR, DT, 2, 0.5)
+        simulate(x0.copy(), 0, 0, N, drive, plant.flat.arrays, y)
+        return np.abs(y - readings)[: N - 1].max(axis=0)
+
+    line, mean = off(np.column_stack((means, others, rises))), off(means)
+    names = [COLUMN[name] for name in ("p", "q", "r", "az")]
+    assert (line[names] < share * mean[names]).all(), (line[names], mean[names])
+
+
 def test_measured_thrust_takes_the_place_of_the_throttle() -> None:
     """Held over a tick it acts as the mean of both ends; a constant is exact whatever the throttle does."""
     flight = flown({}, tau=0.0)
