@@ -32,7 +32,7 @@ from sysid.problem.model_structure import PRIOR_WIDTH, REFUSED_SHARE, helpful_ma
 from sysid.signals.flight import FlightData
 from sysid.signals.preparation import Prepared, in_even_air
 from sysid.signals.record import Record
-from sysid.uncertainty.bench_errors import linkage_errors
+from sysid.uncertainty.bench_errors import SURFACE_CLOCK, late, linkage_errors
 from sysid.uncertainty.systematic import LATE, SHARE, Perturbation, perturbations
 from sysid.uncertainty.travel import travel_shares
 
@@ -183,9 +183,13 @@ def _from_linkages(
     compatible: CompatibilityResult,
     make_parts: MakeParts,
 ) -> dict[str, dict[str, float]]:
-    """Change of every coefficient under each error of a linkage that the vehicle file states: of one sigma."""
+    """Change of every coefficient under each error of a linkage that the vehicle file states, and of when surfaces were
+    where a log of positions says: of one sigma.
+    """
     small = replace(vehicle, controls={name: _surer(one) for name, one in vehicle.controls.items()})
     changes = [(Perturbation(one.source, record=one.record), SHARE) for one in linkage_errors(small)]
+    if any(stretch.record.joined for flight in prepared for stretch in flight.stretches):
+        changes.append((Perturbation(SURFACE_CLOCK, record=late), 1.0))
     return _moved_by(changes, step, prepared, vehicle, compatible, make_parts)
 
 

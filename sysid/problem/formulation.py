@@ -121,7 +121,7 @@ def corrected_parts(
             thrust, torque = known_propulsion(record, Fixed(flat, errors), data["V"])
             columns = {**data.columns, "thrust": thrust, "torque": torque, "air_density": record.rho[here]}
             columns |= {
-                name: data[name] if record.joined and name in SURFACES and name in data else record.commands[here, j]
+                name: (record.positions if record.positions.size and name in SURFACES else record.commands)[here, j]
                 for j, name in enumerate((*SURFACES, "throttle"))
             }
             columns.setdefault("beta", np.zeros(record.length))

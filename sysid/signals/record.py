@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -91,7 +91,7 @@ class Record:
     (`sysid.signals.thrust_denoising`); (0,) without one. command_history: (L, 3) commands of the surfaces before those
     above, which a servo with a dead band may still hold. thrust_noise: what noise is left in `thrust`.
     joined: whether the log holds positions of the surfaces: `commands` are then means from each sample to the next,
-    and rises: (M, 3) rad, what the surfaces move by over it; (0, 3) where that is not known.
+    and positions: (M, 3) rad, where they were at the samples; (0, 3) where that is not known.
     surface_doubt: (M, 3) rad, one standard deviation of what is not known of those means; (0, 3) without positions.
     """
 
@@ -118,7 +118,7 @@ class Record:
     command_history: Array = field(default_factory=lambda: np.zeros((0, 3)))
     thrust_noise: Passed = NO_NOISE
     joined: bool = False
-    rises: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    positions: Array = field(default_factory=lambda: np.zeros((0, 3)))
     surface_doubt: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     @property
@@ -138,8 +138,16 @@ class Record:
             thrust_doubt=self.thrust_doubt[:, kept], rotor_doubt=self.rotor_doubt[:, kept],
             thrust_read=self.thrust_read[kept], airspeed=self.airspeed[kept], heights=self.heights[kept],
             relative_height=self.relative_height[kept], hysteresis_direction=self.hysteresis_direction[kept],
-            command_history=before, surface_doubt=self.surface_doubt[kept], rises=self.rises[kept],
+            command_history=before, surface_doubt=self.surface_doubt[kept],
+            positions=self.positions[kept],
         )  # fmt: skip
+
+    def with_surfaces(self, change: Callable[[Array], Array]) -> Record:
+        """The record with its surfaces changed. change: of (n, 3) de, da, dr, rad, evenly spaced in time."""
+        commands = self.commands.copy()
+        commands[:, : len(SURFACES)] = change(commands[:, : len(SURFACES)])
+        positions = change(self.positions) if self.positions.size else self.positions
+        return replace(self, commands=commands, positions=positions)
 
 
 def thrust_without_airspeed(record: Record) -> Array:
@@ -299,13 +307,13 @@ def with_other_inputs(commands: Array, record: Record, effects: Array) -> Array:
         Where the height that an effect needs is not known.
     """
     heights = height_for(record, effects)
-    if not heights.size and effects[slot("thrust_sensor_hysteresis")] == 0.0 and not record.rises.size:
+    positions = record.positions
+    if not heights.size and effects[slot("thrust_sensor_hysteresis")] == 0.0 and not positions.size:
         return commands
     heights = heights if heights.size else np.full(commands.shape[0], np.nan)
     way = record.hysteresis_direction if record.hysteresis_direction.size else np.zeros(commands.shape[0])
-    return np.ascontiguousarray(
-        np.column_stack((commands, heights, way, *([record.rises] if record.rises.size else [])))
-    )
+    rises = [np.diff(positions, axis=0, append=positions[-1:])] if positions.size else []
+    return np.ascontiguousarray(np.column_stack((commands, heights, way, *rises)))
 
 
 def _smooth(values: Array, interval_s: float, cutoff_hz: float) -> Array:
@@ -324,11 +332,11 @@ def make_records(data: FlightData, vehicle: Vehicle, spans: Sequence[tuple[int, 
     given = {name: filled(data[name]) if name in data else np.zeros(n) for name in _INPUTS}
     commands = np.stack([_as_acted(name, given[name], vehicle, data.interval_s) for name in _INPUTS], axis=1)
     heights = (height_above_ground(data), height_in_flight(data))
-    doubt = rises = np.zeros((0, 3))
+    doubt = positions = np.zeros((0, 3))
     if has_positions(vehicle):
         doubt = np.stack([position_doubt(given[name], vehicle.controls.get(_CONTROL_OF[name])) for name in SURFACES], 1)
-        rises = np.stack([np.diff(given[name], append=given[name][-1:]) for name in SURFACES], 1)
-    return [_make_record(data, vehicle, start, stop, commands, heights, doubt, rises) for start, stop in spans]
+        positions = np.stack([given[name] for name in SURFACES], 1)
+    return [_make_record(data, vehicle, start, stop, commands, heights, doubt, positions) for start, stop in spans]
 
 
 def position_doubt(values: Array, control: Control | None) -> Array:
@@ -380,10 +388,10 @@ def _make_record(
     all_commands: Array,
     heights: tuple[Array, Array],
     doubt: Array,
-    rises: Array,
+    positions: Array,
 ) -> Record:
-    """all_commands: (n, 4) of the whole flight. heights: (n,) or (0,) above the ground and in flight, doubt, rises:
-    (n, 3) or (0, 3), of the same.
+    """all_commands: (n, 4) of the whole flight. heights: (n,) or (0,) above the ground and in flight, doubt,
+    positions: (n, 3) or (0, 3), of the same.
     """
     n = data.time_s.size
     first = max(0, start - round(PRE_ROLL_S / data.interval_s))
@@ -427,5 +435,5 @@ def _make_record(
         denoised.doubt, rotor_doubt, start, source, thrust if denoised.by_airspeed else np.zeros(0), heights=above,
         relative_height=climbed, hysteresis_direction=way, command_history=earlier, thrust_noise=denoised.noise,
         joined=has_positions(vehicle), surface_doubt=doubt[first:stop],
-        rises=rises[first:stop],
+        positions=positions[first:stop],
     )  # fmt: skip

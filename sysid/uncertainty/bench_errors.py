@@ -39,7 +39,7 @@ MEASURED = ("alpha", "beta", "airspeed")
 #: Where surfaces move between their samples: what is known at best of when they were where, s, by the whole
 #: milliseconds of a log's stamps; and how fast a small aircraft's fastest mode is, rad/s. Between samples they go in
 #: lines: to a mode of a rad/s what moved otherwise, and was at its mean all the while, seems a dt^2 / 12 away.
-SURFACE_CLOCK, _STAMPS_STD_S, _FASTEST = "surface_clock", 5e-4, 30.0
+SURFACE_CLOCK, STAMPS_STD_S, _FASTEST = "surface_clock", 5e-4, 30.0
 
 
 @dataclass(frozen=True)
@@ -71,16 +71,18 @@ def bench_errors(prepared: Sequence[Prepared], vehicle: Vehicle) -> list[BenchEr
         parts = max(len(curve.coefficients) for curve, _ in mine.values())
         found += [BenchError(name, _misread(output, mine, part, vehicle)) for part in range(parts)]
     if any(stretch.record.joined for flight in prepared for stretch in flight.stretches):
-        found.append(BenchError(SURFACE_CLOCK, _late))
+        found.append(BenchError(SURFACE_CLOCK, _otherwise_within))
     return [*found, *linkage_errors(vehicle)]
 
 
-def _late(record: Record) -> Record:
+def late(record: Record, std_s: float = STAMPS_STD_S) -> Record:
     """The record with its surfaces later by what is not known of when they were where."""
-    commands, dt = record.commands.copy(), record.interval_s
-    std, surfaces = float(np.hypot(_STAMPS_STD_S, _FASTEST * dt * dt / 12.0)), slice(0, len(SURFACES))
-    commands[:, surfaces] -= std * np.gradient(commands[:, surfaces], dt, axis=0)
-    return replace(record, commands=commands)
+    return record.with_surfaces(lambda one: one - std_s * np.gradient(one, record.interval_s, axis=0))
+
+
+def _otherwise_within(record: Record) -> Record:
+    """The record with its surfaces later by that, and by what a simulation does not know of them between samples."""
+    return late(record, float(np.hypot(STAMPS_STD_S, _FASTEST * record.interval_s**2 / 12.0)))
 
 
 def linkage_errors(vehicle: Vehicle) -> list[BenchError]:
@@ -137,12 +139,17 @@ def _misread(
 
 
 def _moved(column: int, gain: float, bias: float) -> Callable[[Record], Record]:
-    def change(record: Record) -> Record:
+    def of_throttle(record: Record) -> Record:
         commands = record.commands.copy()
         commands[:, column] += gain * commands[:, column] + bias
         return replace(record, commands=commands)
 
-    return change
+    def of_surface(surfaces: Array) -> Array:
+        moved = surfaces.copy()
+        moved[:, column] += gain * surfaces[:, column] + bias
+        return moved
+
+    return of_throttle if column == len(SURFACES) else lambda record: record.with_surfaces(of_surface)
 
 
 @dataclass(frozen=True)
@@ -181,7 +188,7 @@ def _a_little(changed: Sequence[Record], records: Sequence[Record]) -> tuple[Rec
     return tuple(
         replace(
             old, z=between(old.z, new.z), thrust=between(old.thrust, new.thrust),
-            commands=between(old.commands, new.commands),
+            commands=between(old.commands, new.commands), positions=between(old.positions, new.positions),
             imposed_states=between(old.imposed_states, new.imposed_states),
         )
         for new, old in zip(changed, records, strict=True)

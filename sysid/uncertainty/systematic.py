@@ -58,9 +58,7 @@ def _denser(record: Record) -> Record:
 
 
 def _more_travel(record: Record) -> Record:
-    commands = record.commands.copy()
-    commands[:, : len(SURFACES)] *= 1.0 + 0.05 * SHARE
-    return replace(record, commands=commands)
+    return record.with_surfaces(lambda surfaces: (1.0 + 0.05 * SHARE) * surfaces)
 
 
 def _stronger(vehicle: Vehicle) -> Vehicle:
@@ -76,7 +74,10 @@ def _stronger_known(record: Record) -> Record:
 
 def _later_commands(record: Record) -> Record:
     """Commands that come later: a held one changes between samples, so each sample gets the mean of what it holds."""
-    return replace(record, commands=held_back(record.commands, DELAY_S, record.interval_s))
+    late = replace(record, commands=held_back(record.commands, DELAY_S, record.interval_s))
+    if not record.positions.size:
+        return late
+    return replace(late, positions=held_back(record.positions, DELAY_S, record.interval_s))
 
 
 _LINEAR = (

@@ -62,6 +62,22 @@ def test_output_error_of_an_aircraft_that_is_not_ours_with_its_positions_logged(
     assert float(np.median(off)) < 0.003
 
 
+def test_equation_error_knows_its_surfaces_no_better_than_their_linkages_and_stamps(tmp_path: Path) -> None:
+    """What a bench does not know of a linkage moved commands, and no position: bars of logs of positions lacked it."""
+    flown = field_flight("stock-50-hz", 3, tmp_path)
+    elevator = replace(flown.vehicle.controls["elevator"], gain_std=0.3)
+    plane = replace(flown.vehicle, controls={**flown.vehicle.controls, "elevator": elevator})
+    found = identify([flown.signals], plane, method="ee", systematic=False)
+    moment = found.model.coefficients["Cm_de"]
+    assert moment.value is not None
+    assert moment.std is not None
+    # What bars add up to is never less than one of their parts.
+    assert 0.29 * abs(moment.value) < moment.std < 0.4 * abs(moment.value)
+    roll = found.model.coefficients["Cl_da"]
+    assert roll.value is not None
+    assert abs(roll.extra["systematic"]["surface_clock"]) > 1e-3 * abs(roll.value)
+
+
 def test_what_positions_leave_open_is_what_the_means_are_off_by() -> None:
     """An edge anywhere between two samples, positions in whole microseconds, and a wave that leaves next to nothing."""
     random = np.random.default_rng(3)
