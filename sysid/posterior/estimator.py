@@ -223,6 +223,8 @@ class Posterior(WhittleLikelihood):
         sandwich = fisher @ middle @ fisher
         # A bar never below Fisher's, correlations as the wider of the two has them.
         growth = np.sqrt(np.maximum(np.diag(sandwich) / np.diag(fisher), 1.0))
+        # The estimate weighs everything, and by that it follows what was taken as known, whatever its bars count.
+        follows = fisher
         if feedback_of or laws:
             fisher = inverse(rest_information)
         covariance = fisher * np.outer(growth, growth)
@@ -233,7 +235,7 @@ class Posterior(WhittleLikelihood):
         # What the structure does not hold is wrong in the same way for as long as one flies: no time averages it.
         structure = self.misfit * gains @ fisher
         covariance += structure.T @ structure
-        shifts = pulls @ fisher * np.array([doubt.times for doubt in doubts])[:, None]
+        shifts = pulls @ follows * np.array([doubt.times for doubt in doubts])[:, None]
         for doubt, shift in zip(doubts, shifts, strict=True):
             covariance += doubt.stated * np.outer(shift, shift)
         P = len(self.model.names)

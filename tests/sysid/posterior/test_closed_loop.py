@@ -67,6 +67,10 @@ def test_what_an_autopilot_hides_is_said_and_nothing_is_confidently_wrong(tmp_pa
         entry, (low, high) = found.model.coefficients[name], flight.truth[name]
         if entry.value is not None and entry.std is not None:
             assert max(low - entry.value, entry.value - high) < 4.0 * entry.std, name
+    # Where the sideslip that is flown begins, moments at rest take up: no derivative follows it.
+    damping = found.model.coefficients["Cl_p"]
+    assert damping.value is not None
+    assert abs(damping.extra["systematic"]["beta_zero_std"]) < 1e-3 * abs(damping.value)
 
 
 def test_a_damper_is_a_law_of_the_motion_and_a_test_input_is_none() -> None:
