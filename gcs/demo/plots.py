@@ -57,5 +57,7 @@ def _gap(axes: Any, found: dict[str, Any]) -> None:
     effects = ", ".join(f"{e['title']} ({percent_text(e['probability'])})" for e in found["effects"]) or "no effect"
     title = "\n".join(textwrap.wrap(f"Missing effect found: {effects}", 70))
     axes.set_title(f"{title}\n(gap on a flight that nothing was fitted to)", fontsize=11)
-    axes.legend(fontsize=8)
+    # Above the highest bar: the legend hid the output with the largest gap.
+    axes.set_ylim(top=4.0 * axes.get_ylim()[1])
+    axes.legend(fontsize=8, ncols=2, loc="upper center")
     axes.grid(axis="y", alpha=0.3)

@@ -139,17 +139,17 @@ def _misread(
 
 
 def _moved(column: int, gain: float, bias: float) -> Callable[[Record], Record]:
-    def of_throttle(record: Record) -> Record:
-        commands = record.commands.copy()
-        commands[:, column] += gain * commands[:, column] + bias
-        return replace(record, commands=commands)
+    def moved(inputs: Array) -> Array:
+        found = inputs.copy()
+        found[:, column] += gain * inputs[:, column] + bias
+        return found
 
-    def of_surface(surfaces: Array) -> Array:
-        moved = surfaces.copy()
-        moved[:, column] += gain * surfaces[:, column] + bias
-        return moved
+    def change(record: Record) -> Record:
+        if column < len(SURFACES):
+            return record.with_surfaces(moved)
+        return replace(record, commands=moved(record.commands))
 
-    return of_throttle if column == len(SURFACES) else lambda record: record.with_surfaces(of_surface)
+    return change
 
 
 @dataclass(frozen=True)

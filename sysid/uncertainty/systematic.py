@@ -74,10 +74,8 @@ def _stronger_known(record: Record) -> Record:
 
 def _later_commands(record: Record) -> Record:
     """Commands that come later: a held one changes between samples, so each sample gets the mean of what it holds."""
-    late = replace(record, commands=held_back(record.commands, DELAY_S, record.interval_s))
-    if not record.positions.size:
-        return late
-    return replace(late, positions=held_back(record.positions, DELAY_S, record.interval_s))
+    commands, positions = (held_back(one, DELAY_S, record.interval_s) for one in (record.commands, record.positions))
+    return replace(record, commands=commands, positions=positions)
 
 
 _LINEAR = (
