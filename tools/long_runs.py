@@ -113,8 +113,8 @@ CAMPAIGNS = {
         {"EFFECTS": "all", "SIZES": "1", "SEEDS": "1", "FAMILIES": "textbook", "AIRCRAFT": "0"},
         ("UNLISTED",),
         hint="SIZES=1,0.5: of half their sizes too; AIRCRAFT=1,2,3: other aircraft; UNLISTED=1: each effect out of the"
-        " catalogue; FAMILIES=mild,typical: servos, sensors and link of field flights, in gusts; EFFECTS=none:"
-        " nothing is hidden",
+        " catalogue; FAMILIES=mild,typical: servos, sensors and link of field flights, in gusts; FAMILIES=plans:"
+        " many manoeuvres, more effects, and six of no catalogue; EFFECTS=none: nothing is hidden",
     ),
     "discrepancy": LongRun(
         "tests/campaign/discrepancy.py",

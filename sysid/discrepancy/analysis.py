@@ -75,7 +75,7 @@ def discrepancy(
 
 
 def _compared(asked: Asked, method: str) -> Outcome:
-    from sysid.discrepancy.by_posterior.workflow import compare, compare_textbooks  # slow to import
+    from sysid.discrepancy.by_posterior.workflow import compare, compare_textbooks, proposed  # slow to import
 
     asked.progress(0.02, "units, signs and axes")
     read = read_flights(asked.flights, asked.validate_on, asked.vehicle, asked.as_recorded, asked.start_s, asked.stop_s)
@@ -88,13 +88,17 @@ def _compared(asked: Asked, method: str) -> Outcome:
         return compare_textbooks(_between(0.28, _COMPARED, asked), read)
     try:
         return by_filter_error.compare(
-            _between(0.28, 0.6, asked), read, lambda: compare_textbooks(_between(0.6, _COMPARED, asked), read).named
+            _between(0.28, _COMPARED, asked), read, lambda: proposed(replace(asked, progress=_silent), read)
         )
     except SysidError as error:
         with suppress(SysidError):
             found = compare_textbooks(_between(0.6, _COMPARED, asked), read)
             return replace(found, warnings=(f"filter error cannot be used: {error}", *found.warnings))
         raise
+
+
+def _silent(share: float, text: str) -> None:
+    """What reports nothing: a part of a step that reports itself."""
 
 
 def _between(begin: float, end: float, asked: Asked) -> Asked:

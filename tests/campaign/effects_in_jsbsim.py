@@ -1,7 +1,8 @@
 """Are effects named that another engine flies? Run: make campaign NAME=jsbsim-effects
 
 Each flight is JSBSim's, with one effect written in JSBSim's own terms (tests/support/jsbsim_effects.py), sensors of the
-reference paper's Table II and calm air, or servos, air, sensors and link of a family of field flights (--families).
+reference paper's Table II and calm air, or servos, air, sensors and link of a family of field flights (--families), or
+textbook sensors in a flight of many manoeuvres (plans, with more effects, and some that no catalogue holds).
 The job gets its signals, the vehicle file, and a baseline that lacks the effect and is off by up to 5 % in every
 coefficient. One line for each flight is kept in campaign-output/jsbsim-effects,
 in a file named after the sources, so that a campaign that was stopped goes on where it was. Prints a table in markdown.
@@ -26,6 +27,7 @@ from field_effects import ALL, CLEAN, TABLES, HiddenFlight, hidden_flight
 from field_flight import FAMILIES
 from jsbsim_effects import NAMES, Hidden, hidden
 from jsbsim_flight import drawn_aircraft, fly, measure, table_aircraft
+from planned_flights import EFFECTS, UNLISTED, planned_flight
 from seed_lines import end_line, fingerprint, keyed_lines, progress
 
 from sysid.discrepancy import discrepancy
@@ -34,12 +36,12 @@ from sysid.errors import SysidError
 OUTPUT = Path(__file__).resolve().parents[2] / "campaign-output" / "jsbsim-effects"
 SOURCES = (
     *("sysid", "sim_vehicle", "jsbsim_effects", "jsbsim_flight", "jsbsim_twin", "field_effects", "field_flight"),
-    *("field_plant", "field_sensors", "field_air", "field_inputs"),
+    *("field_plant", "field_sensors", "field_air", "field_inputs", "planned_flights"),
 )
 SECONDS = 20.0
 OFF = 0.05
 SURE = 0.9
-TEXTBOOK = "textbook"
+TEXTBOOK, PLANS = "textbook", "plans"
 HEAD = (
     "effect",
     "family",
@@ -76,6 +78,8 @@ class Case:
 
     def fly(self, folder: Path) -> HiddenFlight:
         """Fly it."""
+        if self.family == PLANS:
+            return planned_flight(self.effect, self.aircraft, self.seed, folder, OFF, self.size)
         if self.family != TEXTBOOK:
             return hidden_flight(self.effect, self.family, self.seed, folder, OFF, self.size)
         base = drawn_aircraft(self.aircraft)
@@ -103,7 +107,7 @@ def one(case: Case) -> dict[str, Any]:
         line |= {"verdict": f"refused: {error}", "named": [], "reasons": []}
     else:
         line |= {"verdict": found["verdict"], "named": found["effects"], "reasons": found["reasons"]}
-        line |= {"method": found["method"]}
+        line |= {"method": found["method"], "nearest": found["nearest"], "left": found["left"]}
     return line | {"cpu_seconds": round(time.process_time() - began, 1)}
 
 
@@ -111,6 +115,8 @@ def is_right(line: Mapping[str, Any]) -> bool:
     """Whether the effect that was flown is the first that is named, and none where nothing of the catalogue was."""
     if line["unlisted"] or line["effect"] == TABLES:
         return line["verdict"] == "unexplained" and not line["named"]
+    if line["effect"] in UNLISTED:
+        return not line["named"] and not line["verdict"].startswith("refused")
     if line["effect"] == CLEAN:
         return line["verdict"] in ("none", "parameter_error")
     return bool(line["named"]) and line["named"][0]["name"] == line["effect"]
@@ -166,18 +172,22 @@ def main() -> int:
     parser.add_argument("--sizes", default="1", help="shares of the usual sizes, with commas between (default 1)")
     parser.add_argument("--seeds", type=int, default=1, help="flights of each effect (default 1)")
     parser.add_argument(
-        "--families", default=TEXTBOOK, help=f"{TEXTBOOK} (default), or of field flights: {', '.join(FAMILIES[:6])}"
+        "--families",
+        default=TEXTBOOK,
+        help=f"{TEXTBOOK} (default), {PLANS}, or of field flights: {', '.join(FAMILIES[:6])}",
     )
     parser.add_argument("--aircraft", default="0", help="numbers of aircraft, 0 (default): the linear one, else drawn")
     parser.add_argument("--unlisted", action="store_true", help="take each effect out of the catalogue")
     parser.add_argument("--table", action="store_true", help="fly nothing, print what is there of these sources")
     given = parser.parse_args()
-    names = NAMES if given.effects == "all" else tuple(given.effects.split(","))
     families = given.families.split(",")
-    unknown = [name for name in names if name not in (*NAMES, CLEAN, TABLES)]
-    names = tuple(name for name in names if TEXTBOOK in families or name in (*ALL, TABLES))
+    flown = EFFECTS if families == [PLANS] else (*NAMES, CLEAN, TABLES)
+    every = EFFECTS if families == [PLANS] else NAMES
+    names = every if given.effects == "all" else tuple(given.effects.split(","))
+    unknown = [name for name in names if name not in flown]
+    names = tuple(name for name in names if {TEXTBOOK, PLANS} & set(families) or name in (*ALL, TABLES))
     if unknown:
-        parser.error(f"JSBSim flies no effect {unknown[0]!r}; there are {', '.join(NAMES)}")
+        parser.error(f"JSBSim flies no effect {unknown[0]!r}; there are {', '.join(every)}")
     path = OUTPUT / f"{fingerprint(SOURCES)}.jsonl"
     path.parent.mkdir(parents=True, exist_ok=True)
     end_line(path)

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from field_air import Air, air_motion
 from jsbsim_flight import AIRSPEED, FULL_THRUST, HEIGHT, MOTOR_LAG, Aircraft
-from jsbsim_twin import AXES, FT, NEWTON_PER_POUND_FORCE, SLUG, Array, Lag, load_twin, set_inputs, write_twin
+from jsbsim_twin import AXES, FT, NEWTON_PER_POUND_FORCE, SLUG, Array, Lag, load_twin, set_inputs, settle, write_twin
 from scipy import linalg, optimize
 
 from sim_vehicle.vehicle.mass_properties import Geometry
@@ -163,6 +163,7 @@ def fly_field(
         start[2], start[3], start[5], start[7] = -HEIGHT, AIRSPEED * np.cos(alpha), AIRSPEED * np.sin(alpha), alpha
         twin = load_twin(folder, start, STEP, density)
         set_inputs(twin, np.array([unknown[1], 0.0, 0.0]), float(unknown[2]))
+        settle(twin, rolling.lags)
         assert twin.run_ic()
         return twin
 

@@ -47,7 +47,7 @@ def _value(x: float) -> str:
     return f"<value>{x!r}</value>"
 
 
-def _with_terms(functions: Mapping[str, str], terms: Mapping[str, str]) -> dict[str, str]:
+def with_terms(functions: Mapping[str, str], terms: Mapping[str, str]) -> dict[str, str]:
     """Functions of the coefficients with one more term on some axes."""
     return {
         axis: text.removesuffix(_AXIS_END) + terms[axis] + _AXIS_END if axis in terms else text
@@ -89,7 +89,7 @@ def _term_effect(name: str, base: Aircraft, size: float) -> Hidden:
         axis: product(_value(parameters[key]), *(regressor(factor, base.vehicle) for factor in factors))
         for key, (axis, factors) in _TERMS[name].items()
     }
-    functions = _with_terms(linear_coefficients(base.vehicle, rest), terms)
+    functions = with_terms(linear_coefficients(base.vehicle, rest), terms)
     return Hidden(name, parameters, Aircraft(name, base.vehicle, rest, functions), base.vehicle, rest)
 
 
@@ -120,7 +120,7 @@ def _stall(base: Aircraft, size: float) -> Hidden:
     functions = linear_coefficients(base.vehicle, base.model)
     functions["CL"] = functions["CL"].replace("aero/twin/CL", "aero/twin/CL-attached") + blend
     drag = product(_value(2.0), separated, f"<pow><abs>{sine}</abs>{_value(3.0)}</pow>")
-    functions = _with_terms(functions, {"CD": drag})
+    functions = with_terms(functions, {"CD": drag})
     flown = Aircraft("stall", base.vehicle, base.model, functions)
     return Hidden("stall", {"alpha_stall": angle}, flown, base.vehicle, base.model)
 
@@ -131,7 +131,7 @@ def _reynolds_drag(base: Aircraft, size: float) -> Hidden:
     rest = _without(base.model, {"CD_0": 0.0})
     ratio = f"<quotient><property>velocities/vt-fps</property>{_value(AIRSPEED / FT)}</quotient>"
     term = product(_value(base.model.values()["CD_0"]), f"<pow>{ratio}{_value(-n)}</pow>")
-    functions = _with_terms(linear_coefficients(base.vehicle, rest), {"CD": term})
+    functions = with_terms(linear_coefficients(base.vehicle, rest), {"CD": term})
     flown = Aircraft("reynolds_drag", base.vehicle, base.model, functions)
     return Hidden("reynolds_drag", {"n": n}, flown, base.vehicle, base.model)
 

@@ -18,7 +18,7 @@ from sysid.discrepancy.candidates import Candidate, extended, stepping_of, withi
 from sysid.errors import EstimationError
 from sysid.filter_error.estimation import build_filter
 from sysid.filter_error.estimator import MAX_ITERATIONS, FilterErrorResult
-from sysid.filter_error.noise_scoring import SEARCH_S
+from sysid.filter_error.noise_scoring import FAINT, SEARCH_S
 from sysid.numerics.dryden import Turbulence
 from sysid.numerics.normal_equations import inverse
 from sysid.problem.estimation_problem import Problem, start_values
@@ -31,8 +31,9 @@ _FINALISTS = 3  # candidates fitted to the end
 _CLOSE = 12.5
 # Twice the log likelihood up to which what is missing has not spoiled the estimates of noise and turbulence.
 _LITTLE = 150.0
-# Share of the best gain below which a candidate is out of the race.
-_SHARE_OF_BEST = 0.5
+# Shares of the best gain below which a candidate is out of the race: with noise of the model without it, and with its
+# own.
+_SHARE_OF_BEST, _STILL_IN = 0.5, 0.7
 # Rounds of a fit that has far to go.
 _ROUNDS = 4
 _TRIAL_STEPS = 12
@@ -192,7 +193,15 @@ def rank(problem: Problem, base: FittedModel, fits: Sequence[tuple[Candidate, Fi
         ended = [fit_full(problem, base, *fits[0]), *(fits[i][1] for i in kept[1:])]
         return [Finalist(fits[i][0], found, gains[i]) for i, found in zip(kept, ended, strict=True)]
     near = [i for i, gain in enumerate(gains[:_FINALISTS]) if gain > _SHARE_OF_BEST * gains[0]]
-    found = [(fits[i][0], _finished_from_both(problem, base, *fits[i])) for i in near]
+    begun = [(fits[i][0], with_own_noise(problem, base, *fits[i])) for i in near]
+    most = max(base.result.cost - one.cost for _, one in begun)
+    # Who has come least far with noise of its own does not catch up, and is not brought to its end.
+    found = [
+        (candidate, _ended_from_both(problem, base, candidate, one, fits[i][1]))
+        if base.result.cost - one.cost > _STILL_IN * most
+        else (candidate, one)
+        for i, (candidate, one) in zip(near, begun, strict=True)
+    ]
     least = base.result.cost
     if is_gusty(base.result):
         # Gusts far above those that are there are a hill of their own.
@@ -202,14 +211,14 @@ def rank(problem: Problem, base: FittedModel, fits: Sequence[tuple[Candidate, Fi
     return [Finalist(candidate, one, 2.0 * (least - one.cost)) for candidate, one in found]
 
 
-def _finished_from_both(
-    problem: Problem, base: FittedModel, candidate: Candidate, rough: FilterErrorResult
+def _ended_from_both(
+    problem: Problem, base: FittedModel, candidate: Candidate, own: FilterErrorResult, rough: FilterErrorResult
 ) -> FilterErrorResult:
     """The fit brought to its end; where a size ends on a bound, from the model as given too, and with the other sign.
 
     The base's own parameters stand for what is missing as well as they can, and can be on the far side of a hill.
     """
-    best = fit_full(problem, base, candidate, rough)
+    best = _ended(problem, base, candidate, own, rough.cost)
     if not base.given or not _is_bound(candidate, best):
         return best
     values = rough.values()
@@ -276,21 +285,48 @@ def _refit_noise(
 
 
 def fit_full(problem: Problem, base: FittedModel, candidate: Candidate, rough: FilterErrorResult) -> FilterErrorResult:
-    """The fit with noise and turbulence of its own; as it was where that leads nowhere.
+    """The fit with noise and turbulence of its own; as it was where that leads nowhere."""
+    return _ended(problem, base, candidate, with_own_noise(problem, base, candidate, rough), rough.cost)
 
-    Gusts that stood for what was missing can hold a fit that changes them by turns with the rest far short of its best:
-    where some are left, all is estimated together at the end.
+
+def with_own_noise(
+    problem: Problem, base: FittedModel, candidate: Candidate, rough: FilterErrorResult
+) -> FilterErrorResult:
+    """The fit with noise and turbulence of its own, changed by turns with the rest; as it was where that is no better.
+
+    Gusts that stood for what was missing go on doing so while they and the effect grow and shrink by turns. Where the
+    air was still a filter that expects no gusts finds the effect at once: both ways are gone.
     """
-    best, together = rough, False
+    still = _in_still_air(problem, base, candidate, rough) if is_gusty(rough) else None
+    ways = [_refit(problem, base, candidate, near, False) for near in (still, rough) if near is not None]
+    return min([rough, *(one for one in ways if one is not None)], key=lambda one: one.cost)
+
+
+def _in_still_air(
+    problem: Problem, base: FittedModel, candidate: Candidate, rough: FilterErrorResult
+) -> FilterErrorResult | None:
+    """A candidate's fit taken on with the noise that it has and no gusts; None where the filter loses the flight."""
+    flight = build_filter(problem, *_extended(base, candidate, rough))
+    with suppress(EstimationError):
+        return flight.solve(rough.values(), Turbulence(FAINT, FAINT), known=rough, max_iterations=_TRIAL_STEPS)
+    return None
+
+
+def _ended(
+    problem: Problem, base: FittedModel, candidate: Candidate, own: FilterErrorResult, began: float
+) -> FilterErrorResult:
+    """A fit with noise of its own brought to its end: where gusts are left that could hold it far short of its best,
+    all is estimated together. began: its cost with the noise of the model without it.
+    """
+    best = own
     for _ in range(_ROUNDS):
-        found = _refit(problem, base, candidate, best, together)
+        if not is_gusty(best) or began - best.cost < _LITTLE:
+            break
+        found = _refit(problem, base, candidate, best, True)
         gained = best.cost - found.cost if found is not None else 0.0
         best = found if found is not None and gained > 0.0 else best
-        if gained > _LITTLE and found is not None and (together or not found.converged):
-            continue
-        if together or not is_gusty(best) or rough.cost - best.cost < _LITTLE:
+        if gained <= _LITTLE:
             break
-        together = True
     return best
 
 

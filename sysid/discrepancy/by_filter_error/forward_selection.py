@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from sim_vehicle.model.model_file import Model
-from sysid.discrepancy.by_filter_error.candidate_fits import FittedModel, fit_full, fit_short, rank, wald_statistic
+from sysid.discrepancy.by_filter_error.candidate_fits import FittedModel, fit_short, rank, wald_statistic
 from sysid.discrepancy.by_filter_error.filter_scores import filter_gains
 from sysid.discrepancy.by_filter_error.lack_of_fit import lack_of_fit
 from sysid.discrepancy.candidates import Candidate, candidates, happens_in_flight, stepping_of
@@ -30,6 +30,8 @@ from sysid.problem.estimation_problem import Problem, Progress, model_of
 # None is tried unless the best promises so much; then those that promise half of that and this share of the best: at
 # most so many.
 MIN_PROMISE, PROMISE_SHARE, MAX_TRIED = 12.0, 0.1, 8
+# Times as much as a candidate gains by the noise of the model without it that it may gain by its own.
+_RISE = 3.0
 # Steps of a fit without what was named before.
 _STEPS_BACK = 12
 
@@ -42,6 +44,7 @@ class Search:
     began: half the deviance before anything was named. left: what none of the names explains. whole: what the
     likelihood gained by all names together (twice its logarithm). taken_back: some of them, that the first may explain.
     ruled_out: effects that are known not to be there. nearly: in words, what gained too little for a name at last.
+    proposed: effects that were found elsewhere, with values to start from.
     """
 
     problem: Problem
@@ -58,6 +61,7 @@ class Search:
     taken_back: list[str] = field(default_factory=list)
     ruled_out: frozenset[str] = frozenset()
     nearly: str = ""
+    proposed: Sequence[Named] = ()
 
     @property
     def setting(self) -> FittedModel:
@@ -88,17 +92,24 @@ def extend(search: Search, progress: Progress) -> bool:
     search.nearly = ""
     progress(0.0, f"a first look at {len(choices)} effects")
     base = search.setting
-    worth = _promising(problem, base, choices)
-    fits: list[tuple[Candidate, FilterErrorResult]] = []
+    worth = [*_promising(problem, base, choices), *_proposed(search, choices)]
+    fits: dict[int, tuple[Candidate, FilterErrorResult]] = {}
     for position, (candidate, start) in enumerate(worth):
         progress((position + 1.0) / (len(worth) + 2.0), f"trying {candidate.effect.name}")
         begun = fit_short(problem, base, candidate, start)
         if begun is not None and _is_possible(problem, candidate, begun):
-            fits.append((candidate, begun))
-    if not fits:
+            key = choices.index(candidate)
+            fits[key] = min(fits.get(key, (candidate, begun)), (candidate, begun), key=lambda item: item[1].cost)
+    tried = sorted(fits.values(), key=lambda item: item[1].cost)
+    if not tried:
         return False
+    if search.named:
+        gain = 2.0 * (base.result.cost - tried[0][1].cost)
+        if is_too_little_beside(search.named[0].came_with, _RISE * gain):
+            search.dropped.append(beside_first(tried[0][0].effect.name, gain, search.named[0].effect))
+            return False
     progress((len(worth) + 1.0) / (len(worth) + 2.0), "fitting the likeliest to the end")
-    found = rank(problem, base, sorted(fits, key=lambda item: item[1].cost))
+    found = rank(problem, base, tried)
     found = [one for one in found if _is_possible(problem, one.candidate, one.result)]
     if not found:
         return False
@@ -132,27 +143,6 @@ def extend(search: Search, progress: Progress) -> bool:
         )
     )
     _add(search, candidate, result)
-    return True
-
-
-def adopt(search: Search, named: Named) -> bool:
-    """Add an effect that was found elsewhere, from its values there. Returns whether the filter follows the flight so
-    and is the likelier for it.
-    """
-    problem, base = search.problem, search.setting
-    rough = fit_short(problem, base, named.candidate, {name: value for name, (value, _) in named.values.items()})
-    if rough is None:
-        return False
-    result = fit_full(problem, base, named.candidate, rough)
-    if result.cost >= base.result.cost or not _is_possible(problem, named.candidate, result):
-        return False
-    # By this likelihood: what is left is measured by it too.
-    gain = 2.0 * (base.result.cost - result.cost)
-    significance = _significance(named, gain)
-    search.named.append(
-        replace(named, values=values_of(named.candidate, result), significance=significance, came_with=gain)
-    )
-    _add(search, named.candidate, result)
     return True
 
 
@@ -331,6 +321,18 @@ def _add(search: Search, candidate: Candidate, result: FilterErrorResult) -> Non
     search.result = result
     # What was named before is known better beside what is new.
     search.named = [replace(one, values=values_of(one.candidate, result)) for one in search.named]
+
+
+def _proposed(search: Search, choices: Sequence[Candidate]) -> list[tuple[Candidate, dict[str, float]]]:
+    """Candidates that were found elsewhere and are not named yet, each with its values there."""
+    names = {one.effect for one in search.named}
+    return [
+        (choice, {name: value for name, (value, _) in one.values.items()})
+        for one in search.proposed
+        for choice in choices
+        if one.effect not in names and choice.names == one.candidate.names and choice.free == one.candidate.free
+        and choice.effect == one.candidate.effect
+    ]  # fmt: skip
 
 
 def _promising(

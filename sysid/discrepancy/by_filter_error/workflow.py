@@ -30,7 +30,6 @@ from sysid.discrepancy.by_filter_error.baseline import (
 from sysid.discrepancy.by_filter_error.candidate_fits import fitted
 from sysid.discrepancy.by_filter_error.forward_selection import (
     Search,
-    adopt,
     eliminate_insignificant,
     eliminate_redundant,
     extend,
@@ -42,8 +41,7 @@ from sysid.discrepancy.by_filter_error.verdict import found_model, is_rough, ref
 from sysid.discrepancy.comparison_types import MAX_EFFECTS, Asked, Compared, Outcome, Progress
 from sysid.discrepancy.gap import fixed_model
 from sysid.discrepancy.identified_effect import Named
-from sysid.discrepancy.naming_rule import Judgement
-from sysid.errors import EstimationError, SysidError
+from sysid.errors import EstimationError
 from sysid.filter_error.estimation import build_filter
 from sysid.filter_error.estimator import FilterErrorResult
 from sysid.identification.moving_surfaces import with_surfaces_as_they_moved
@@ -73,11 +71,10 @@ def compare(asked: Asked, read: FlightsRead, propose: Callable[[], Sequence[Name
     require_thrust([*prepared, *held_out])
     used = Flights(prepared, compatible, vehicle, progress)
     base = fitted_again(used, model, asked.ruled_out)
-    search = _searched(used, base)
+    progress(0.3, "effects that another model of the noise finds")
+    search = _searched(used, base, propose())
     settle_names(search)
     verdict = verdict_of(used, base, search)
-    if verdict.name == "unexplained" and (other := _proposed(used, base, propose)) is not None:
-        search, verdict = other
     if verdict.name == "unexplained" and search.named:
         # A wrong name is worse than none.
         search = _without(base)
@@ -115,11 +112,11 @@ def _without(base: Baseline) -> Search:
     )  # fmt: skip
 
 
-def _searched(used: Flights, base: Baseline) -> Search:
-    """Effects added one after the other until nothing is left."""
-    search = _without(base)
+def _searched(used: Flights, base: Baseline, proposed: Sequence[Named]) -> Search:
+    """Effects added one after the other until nothing is left. proposed: what else to try first."""
+    search = replace(_without(base), proposed=proposed)
     while len(search.named) < MAX_EFFECTS:
-        begin, width = 0.3 + 0.4 * len(search.named) / MAX_EFFECTS, 0.4 / MAX_EFFECTS
+        begin, width = 0.35 + 0.35 * len(search.named) / MAX_EFFECTS, 0.35 / MAX_EFFECTS
         if not extend(search, partial(_part_of, used.progress, begin, width)):
             break
         _with_bench(used, search)
@@ -133,21 +130,6 @@ def _searched(used: Flights, base: Baseline) -> Search:
         if not search.named:
             return replace(_without(base), dropped=search.dropped)
     return search
-
-
-def _proposed(used: Flights, base: Baseline, propose: Callable[[], Sequence[Named]]) -> tuple[Search, Judgement] | None:
-    """Effects that were found elsewhere; None where there are none, or they are not what is missing here too."""
-    search = _without(base)
-    with suppress(SysidError):
-        named = propose()
-        if named and all(adopt(search, one) for one in named):
-            _with_bench(used, search)
-            if is_rough(search.result) and not search.result.together:
-                refit_jointly(search)
-            settle_names(search)
-            verdict = verdict_of(used, base, search)
-            return (search, verdict) if verdict.name == "missing_effect" else None
-    return None
 
 
 def _with_bench(used: Flights, search: Search) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 from sim_vehicle.effects import EFFECTS
@@ -20,7 +21,8 @@ from sysid.discrepancy.by_posterior.ideal_sensors import (
 )
 from sysid.discrepancy.by_posterior.verdict import verdict_of
 from sysid.discrepancy.comparison_types import MAX_EFFECTS, Asked, Compared, Outcome
-from sysid.errors import EstimationError
+from sysid.discrepancy.identified_effect import Named
+from sysid.errors import EstimationError, SysidError
 from sysid.identification.posterior_method import Flown, effects_with, flown, with_thrust_line
 from sysid.identification.repaired_flight import FlightsRead
 from sysid.numerics.dryden import Turbulence
@@ -60,28 +62,48 @@ def compare_textbooks(asked: Asked, read: FlightsRead) -> Outcome:
 
     Raises SysidError subclasses in one line.
     """
+    asked, seen = _as_textbook(asked, read)
+    return _searched(asked, read, seen, asked.model, _fitted(seen.parts, asked, asked.model), True)
+
+
+def proposed(asked: Asked, read: FlightsRead) -> list[Named]:
+    """Effects that may be missing in flights of the textbooks, before any verdict: none where there is no estimate."""
+    with suppress(SysidError):
+        asked, seen = _as_textbook(asked, read)
+        return _selected(asked, seen, asked.model, _fitted(seen.parts, asked, asked.model), True).named
+    return []
+
+
+def _as_textbook(asked: Asked, read: FlightsRead) -> tuple[Asked, Flown]:
+    """With sensors and servos that have no errors but their noise, and the flights read so."""
     asked = replace(asked, vehicle=with_ideal_sensors(_with_the_model_s_thrust_line(asked.vehicle)))
     seen = flown(read.fitted, asked.vehicle)
     require_thrust(seen.prepared)
-    asked = replace(asked, vehicle=with_airspeed_at_once(asked.vehicle))
-    return _searched(asked, read, seen, asked.model, _fitted(seen.parts, asked, asked.model), True)
+    return replace(asked, vehicle=with_airspeed_at_once(asked.vehicle)), seen
+
+
+def _selected(asked: Asked, seen: Flown, model: Model, base: PosteriorEstimate, textbook: bool) -> SelectionState:
+    """Effects named beside the model fitted again."""
+    effects = _free_effects(asked.model)
+    records = [stretch.record for flight in seen.prepared for stretch in flight.stretches]
+    motion = replace(
+        excited_motion(records), longitudinal="longitudinal" in base.groups, lateral="lateral" in base.groups
+    )
+    problem = Problem(asked.vehicle, tuple(records), (), motion, {})
+    fits = {group: fit_of(one, model, effects) for group, one in base.groups.items()}
+    own = {f"{effect}.{key}": (asked.model.effect(effect) or {})[key] for effect, key in effects}
+    found = SelectionState(problem, model, fits, frozenset(asked.ruled_out), {**model.values(), **own}, textbook)
+    search(found, MAX_EFFECTS, lambda share, text: asked.progress(0.28 + 0.42 * share, text))
+    return found
 
 
 def _searched(
     asked: Asked, read: FlightsRead, seen: Flown, model: Model, base: PosteriorEstimate, textbook: bool
 ) -> Outcome:
     """Effects named beside the model fitted again, and the gap with them."""
-    progress, effects = asked.progress, _free_effects(asked.model)
-    vehicle = asked.vehicle
-    records = [stretch.record for flight in seen.prepared for stretch in flight.stretches]
-    motion = replace(
-        excited_motion(records), longitudinal="longitudinal" in base.groups, lateral="lateral" in base.groups
-    )
-    problem = Problem(vehicle, tuple(records), (), motion, {})
-    fits = {group: fit_of(one, model, effects) for group, one in base.groups.items()}
-    own = {f"{effect}.{key}": (asked.model.effect(effect) or {})[key] for effect, key in effects}
-    found = SelectionState(problem, model, fits, frozenset(asked.ruled_out), {**model.values(), **own}, textbook)
-    search(found, MAX_EFFECTS, lambda share, text: progress(0.28 + 0.42 * share, text))
+    progress, vehicle = asked.progress, asked.vehicle
+    found = _selected(asked, seen, model, base, textbook)
+    motion = found.problem.motion
     best = base
     if found.named:
         progress(0.72, "standard errors")
