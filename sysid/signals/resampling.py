@@ -217,14 +217,30 @@ def _blank_gaps(values: Array, time: Array, grid: Array, gap_s: float, interval:
 
 
 def _hold(source: Signal, grid: Array, interval: float) -> Array:
-    """Zero-order hold; a stamp that misses its grid point by jitter alone still belongs to it."""
+    """What a held command is from each grid point to the next: its mean there where it changes in between.
+
+    Stamps that miss the grid points by jitter alone belong to them.
+    """
+    miss = source.time_s - grid[0] - interval * np.rint((source.time_s - grid[0]) / interval)
+    at_points = np.quantile(np.abs(miss), 0.99) <= JITTER * interval and abs(np.median(miss)) <= OFFSET * interval
     index = np.searchsorted(source.time_s, grid + JITTER * interval, side="right") - 1
     first = index.clip(0)
-    values = source.values[first]
     typical = float(np.median(np.diff(source.time_s)))
     age = grid - source.time_s[first]
     stale = (age > max(GAP_S, 2.5 * typical)) | ((index < 0) & (age < -interval))
+    values = source.values[first] if at_points else _held_means(source, grid, interval)
     return np.where(stale, np.nan, values)
+
+
+def _held_means(source: Signal, grid: Array, interval: float) -> Array:
+    """(N,) means of a held command over the interval after each grid point; its first value before its first stamp."""
+    passed = np.concatenate(([0.0], np.cumsum(source.values[:-1] * np.diff(source.time_s))))
+
+    def until(time: Array) -> Array:
+        last = np.searchsorted(source.time_s, time, side="right").clip(1) - 1
+        return np.asarray(passed[last] + source.values[last] * (time - source.time_s[last]))
+
+    return (until(grid + interval) - until(grid)) / interval
 
 
 def _nearest_only(source: Signal, grid: Array, interval: float) -> Array:

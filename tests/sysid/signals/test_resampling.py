@@ -62,8 +62,20 @@ def test_commands_are_held_whatever_the_jitter():
     jittered = time + 0.001 * rng.uniform(-1, 1, 300)
     data = resample(flight(q=(time, 0.0 * time), servo2=(jittered, command), de=(time + 0.012, command)))
     assert data["servo2"].tolist() == command.tolist()
-    assert data["de"][151] == 1600.0  # sent 12 ms after sample 150: in force from sample 151 on
-    assert data["de"][150] == 1500.0
+    assert data["de"][151] == 1600.0
+    assert data["de"][150] == pytest.approx(1540.0)  # sent 12 ms after sample 150: in force for 8 ms of 20
+    assert data["de"][149] == 1500.0
+
+
+@pytest.mark.parametrize("rate_hz", [10.0, 50.0, 73.0, 400.0])
+def test_a_command_counts_from_its_own_stamp(rate_hz: float) -> None:
+    rng = np.random.default_rng(2)
+    time, fine = 0.02 * np.arange(200), 1e-5 * (np.arange(400_000) + 0.5)
+    stamps = np.arange(0.0, 4.0, 1.0 / rate_hz) + 0.2 / rate_hz * rng.uniform(0.0, 1.0, int(4 * rate_hz))
+    command = rng.uniform(-0.1, 0.1, stamps.size)
+    data = resample(flight(q=(time, 0.0 * time), de=(stamps, command)))
+    held = command[np.searchsorted(stamps, fine, side="right").clip(1) - 1]
+    assert data["de"][5:-5] == pytest.approx(held.reshape(200, -1).mean(axis=1)[5:-5], abs=2e-4)
 
 
 def test_gps_stays_on_its_own_samples():
