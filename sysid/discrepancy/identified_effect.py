@@ -16,6 +16,8 @@ from sysid.discrepancy.wording import chance_text
 _BEYOND = 3.0
 # A memory that is known only nearly leaves this share of what it gains for others to pick up.
 _IMPRECISE = 0.03
+# Share of an interval between samples to which it is known when something was so.
+_STAMPS = 0.05
 
 
 @dataclass(frozen=True)
@@ -86,6 +88,20 @@ def nearly(effect: str, significance: Significance, tried: int) -> str:
 def beside_first(effect: str, gain: float, first: str) -> str:
     """That a further effect is no name beside the first, in words."""
     return f"{effect}: gains {gain:.0f}, no more than {first} may leave"
+
+
+def within_stamps(candidate: Candidate, values: Mapping[str, float], interval_s: float) -> str:
+    """That what an effect comes late by is less than stamps are known to, in words; "" where it is not.
+
+    values: by parameter. interval_s: between samples. From a share of an interval on commands and readings are late for
+    good; below it the moment of a sample is no better known.
+    """
+    late = {p.name: values[p.name] for p in candidate.effect.parameters if p.unit == "s" and p.name in candidate.sizes}
+    least = _STAMPS * interval_s
+    if not late or max(late.values()) >= least:
+        return ""
+    words = ", ".join(f"{name} = {1e3 * value:.2g} ms" for name, value in late.items())
+    return f"{candidate.effect.name}: {words} is within what stamps are known to ({1e3 * least:.2g} ms)"
 
 
 def effect_json(named: Named) -> dict[str, Any]:

@@ -13,7 +13,13 @@ from sysid.discrepancy.by_filter_error.candidate_fits import FittedModel, fit_sh
 from sysid.discrepancy.by_filter_error.filter_scores import filter_gains
 from sysid.discrepancy.by_filter_error.lack_of_fit import lack_of_fit
 from sysid.discrepancy.candidates import Candidate, candidates, happens_in_flight, stepping_of
-from sysid.discrepancy.identified_effect import Named, beside_first, nearly, unmodelled_memory_gain
+from sysid.discrepancy.identified_effect import (
+    Named,
+    beside_first,
+    nearly,
+    unmodelled_memory_gain,
+    within_stamps,
+)
 from sysid.discrepancy.naming_rule import LeftOver, is_too_little_beside, left_of_the_first
 from sysid.discrepancy.significance import (
     Significance,
@@ -131,6 +137,9 @@ def extend(search: Search, progress: Progress) -> bool:
     if search.named and is_too_little_beside(search.named[0].came_with, best.gain):
         search.dropped.append(beside_first(own, best.gain, search.named[0].effect))
         return False
+    if words := within_stamps(candidate, values_alone(candidate, result), problem.records[0].interval_s):
+        search.dropped.append(words)
+        return False
     alternatives = tuple(item for item in smallest_set(probabilities) if item[0] != own)
     search.named.append(
         Named(
@@ -150,7 +159,7 @@ def _is_possible(problem: Problem, candidate: Candidate, result: FilterErrorResu
     """Whether an effect as fitted is one: its moment within a flight, and no less than a step of what goes in steps,
     which is known to half of one.
     """
-    values = {name: result.value(candidate.parameter(name)) for name in candidate.free}
+    values = values_alone(candidate, result)
     steps = stepping_of(candidate.effect)
     return happens_in_flight(candidate, values, problem) and all(values[name] >= step for name, step in steps.items())
 
@@ -297,6 +306,11 @@ def update_estimate(search: Search, result: FilterErrorResult) -> None:
     search.model = model_of(
         search.model, search.model.name, result, search.coefficients, search.effects, (), search.model.validity
     )
+
+
+def values_alone(candidate: Candidate, result: FilterErrorResult) -> dict[str, float]:
+    """Values of a candidate's parameters."""
+    return {name: result.value(candidate.parameter(name)) for name in candidate.free}
 
 
 def values_of(candidate: Candidate, result: FilterErrorResult) -> dict[str, tuple[float, float]]:

@@ -20,7 +20,7 @@ from sysid.discrepancy.by_posterior.group_fits import GroupFit
 from sysid.discrepancy.by_posterior.naming_rules import RULES
 from sysid.discrepancy.by_posterior.screening import PredictedGain, RestartGain, promises, second_looks
 from sysid.discrepancy.candidates import Candidate, candidates, stepping_of
-from sysid.discrepancy.identified_effect import Named, beside_first, nearly
+from sysid.discrepancy.identified_effect import Named, beside_first, nearly, within_stamps
 from sysid.discrepancy.naming_rule import LeftOver, is_too_little_beside, left_of_the_first
 from sysid.discrepancy.significance import NAMING_P_VALUE, Significance, is_unlikely, smallest_set
 from sysid.discrepancy.smooth_terms import smooth_terms
@@ -127,12 +127,16 @@ def _extend(found: SelectionState, progress: Progress) -> bool:
     if found.named and is_too_little_beside(found.named[0].came_with, best.gain):
         found.notes.append(beside_first(best.candidate.effect.name, best.gain, found.named[0].effect))
         return False
+    values = {name: value for name, (value, _) in best.values.items()}
+    if words := within_stamps(best.candidate, values, found.problem.records[0].interval_s):
+        found.notes.append(words)
+        return False
     own = best.candidate.effect.name
     every = [(one.candidate.effect.name, w.probability) for one, w in zip(tried, each, strict=True)]
     alternatives = tuple(item for item in smallest_set(every) if item[0] != own)
     found.named.append(Named(best.candidate, significance, alternatives, best.values, len(choices), best.gain))
     found.groups = dict(best.groups)
-    found.model = found.model.with_effect(best.candidate.effect, {name: v for name, (v, _) in best.values.items()})
+    found.model = found.model.with_effect(best.candidate.effect, values)
     return True
 
 
