@@ -87,18 +87,13 @@ def _compared(asked: Asked, method: str) -> Outcome:
     if method == "map":
         return compare_textbooks(_between(0.28, _COMPARED, asked), read)
     try:
-        return by_filter_error.compare(
-            _between(0.28, _COMPARED, asked), read, lambda: proposed(replace(asked, progress=_silent), read)
-        )
+        first = proposed(_between(0.28, 0.4, asked), read)
+        return by_filter_error.compare(_between(0.4, _COMPARED, asked), read, first)
     except SysidError as error:
         with suppress(SysidError):
             found = compare_textbooks(_between(0.6, _COMPARED, asked), read)
             return replace(found, warnings=(f"filter error cannot be used: {error}", *found.warnings))
         raise
-
-
-def _silent(share: float, text: str) -> None:
-    """What reports nothing: a part of a step that reports itself."""
 
 
 def _between(begin: float, end: float, asked: Asked) -> Asked:

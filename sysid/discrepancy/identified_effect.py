@@ -90,13 +90,14 @@ def beside_first(effect: str, gain: float, first: str) -> str:
     return f"{effect}: gains {gain:.0f}, no more than {first} may leave"
 
 
-def within_stamps(candidate: Candidate, values: Mapping[str, float], interval_s: float) -> str:
+def within_stamps(candidate: Candidate, values: Mapping[str, tuple[float, float]], interval_s: float) -> str:
     """That what an effect comes late by is less than stamps are known to, in words; "" where it is not.
 
-    values: by parameter. interval_s: between samples. From a share of an interval on commands and readings are late for
-    good; below it the moment of a sample is no better known.
+    values: value and standard error by parameter. interval_s: between samples. From a share of an interval on commands
+    and readings are late for good; below it the moment of a sample is no better known.
     """
-    late = {p.name: values[p.name] for p in candidate.effect.parameters if p.unit == "s" and p.name in candidate.sizes}
+    times = [p.name for p in candidate.effect.parameters if p.unit == "s" and p.name in candidate.sizes]
+    late = {name: values[name][0] for name in times}
     least = _STAMPS * interval_s
     if not late or max(late.values()) >= least:
         return ""

@@ -190,6 +190,11 @@ def _on_grid(name: str, source: Signal, grid: Array, interval: float, moving: bo
     return _blank_gaps(values, source.time_s, grid, max(GAP_S, 2.5 * typical), interval)
 
 
+def _is_jitter(miss: Array, interval: float) -> bool:
+    """Whether stamps miss their grid points by jitter alone; miss: (N,) s."""
+    return bool(np.quantile(np.abs(miss), 0.99) <= JITTER * interval and abs(np.median(miss)) <= OFFSET * interval)
+
+
 def _already_there(source: Signal, grid: Array, interval: float) -> Array | None:
     """The samples themselves where each sits on a grid point; None where they have to be interpolated."""
     index = np.rint((source.time_s - grid[0]) / interval).astype(np.int64)
@@ -198,8 +203,7 @@ def _already_there(source: Signal, grid: Array, interval: float) -> Array | None
         return None
     index, time, values = index[inside], source.time_s[inside], source.values[inside]
     miss = time - grid[index]
-    uniform = np.quantile(np.abs(miss), 0.99) <= JITTER * interval and abs(np.median(miss)) <= OFFSET * interval
-    if not uniform or np.any(np.diff(index) <= 0):
+    if not _is_jitter(miss, interval) or np.any(np.diff(index) <= 0):
         return None
     # A few lost messages are bridged by a line; the gap rule blanks the long ones.
     bridged = np.interp(grid, time, values)
@@ -222,13 +226,12 @@ def _hold(source: Signal, grid: Array, interval: float) -> Array:
     Stamps that miss the grid points by jitter alone belong to them.
     """
     miss = source.time_s - grid[0] - interval * np.rint((source.time_s - grid[0]) / interval)
-    at_points = np.quantile(np.abs(miss), 0.99) <= JITTER * interval and abs(np.median(miss)) <= OFFSET * interval
     index = np.searchsorted(source.time_s, grid + JITTER * interval, side="right") - 1
     first = index.clip(0)
     typical = float(np.median(np.diff(source.time_s)))
     age = grid - source.time_s[first]
     stale = (age > max(GAP_S, 2.5 * typical)) | ((index < 0) & (age < -interval))
-    values = source.values[first] if at_points else _held_means(source, grid, interval)
+    values = source.values[first] if _is_jitter(miss, interval) else _held_means(source, grid, interval)
     return np.where(stale, np.nan, values)
 
 

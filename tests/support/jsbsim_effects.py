@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jsbsim_flight import AIRSPEED, STEP, Aircraft, linear_aircraft
-from jsbsim_twin import FT, Lag, function, linear_coefficients, product, regressor
+from jsbsim_twin import FT, Lag, function, linear_coefficients, product, regressor, value_of
 
 from sim_vehicle.model.model_file import Coefficient, Model
 from sim_vehicle.vehicle.vehicle_file import Vehicle
@@ -41,10 +41,6 @@ class Hidden:
         values = self.model.values()
         off = {name: value * (1.0 + share * generator.uniform(-1.0, 1.0)) for name, value in values.items()}
         return replace(self.model, coefficients={name: Coefficient(value) for name, value in off.items()})
-
-
-def _value(x: float) -> str:
-    return f"<value>{x!r}</value>"
 
 
 def with_terms(functions: Mapping[str, str], terms: Mapping[str, str]) -> dict[str, str]:
@@ -86,7 +82,7 @@ def _term_effect(name: str, base: Aircraft, size: float) -> Hidden:
     parameters = {key: size * _VALUES.get(key, own.get(key, 0.0)) for key in _TERMS[name]}
     rest = _without(base.model, parameters)
     terms = {
-        axis: product(_value(parameters[key]), *(regressor(factor, base.vehicle) for factor in factors))
+        axis: product(value_of(parameters[key]), *(regressor(factor, base.vehicle) for factor in factors))
         for key, (axis, factors) in _TERMS[name].items()
     }
     functions = with_terms(linear_coefficients(base.vehicle, rest), terms)
@@ -104,22 +100,22 @@ def _stall(base: Aircraft, size: float) -> Hidden:
     angle, sharpness = 0.13 + 0.04 * (1.0 - size), 50.0
 
     def rise(offset: float, sign: float) -> str:
-        shifted = f"<sum>{_ALPHA}{_value(offset)}</sum>"
-        return f"<exp><product>{_value(sign * sharpness)}{shifted}</product></exp>"
+        shifted = f"<sum>{_ALPHA}{value_of(offset)}</sum>"
+        return f"<exp><product>{value_of(sign * sharpness)}{shifted}</product></exp>"
 
     above, below = rise(-angle, -1.0), rise(angle, 1.0)
     share = (
-        f'<function name="aero/twin/separated"><quotient><sum>{_value(1.0)}{above}{below}</sum><product>'
-        f"<sum>{_value(1.0)}{above}</sum><sum>{_value(1.0)}{below}</sum></product></quotient></function>"
+        f'<function name="aero/twin/separated"><quotient><sum>{value_of(1.0)}{above}{below}</sum><product>'
+        f"<sum>{value_of(1.0)}{above}</sum><sum>{value_of(1.0)}{below}</sum></product></quotient></function>"
     )
     separated, sine = "<property>aero/twin/separated</property>", f"<sin>{_ALPHA}</sin>"
-    plate = product(_value(2.0), sine, f"<abs>{sine}</abs>", f"<cos>{_ALPHA}</cos>")
+    plate = product(value_of(2.0), sine, f"<abs>{sine}</abs>", f"<cos>{_ALPHA}</cos>")
     attached = "<property>aero/twin/CL-attached</property>"
-    left = product(f"<difference>{_value(1.0)}{separated}</difference>", attached)
+    left = product(f"<difference>{value_of(1.0)}{separated}</difference>", attached)
     blend = share + function("CL", [left, product(separated, plate)])
     functions = linear_coefficients(base.vehicle, base.model)
     functions["CL"] = functions["CL"].replace("aero/twin/CL", "aero/twin/CL-attached") + blend
-    drag = product(_value(2.0), separated, f"<pow><abs>{sine}</abs>{_value(3.0)}</pow>")
+    drag = product(value_of(2.0), separated, f"<pow><abs>{sine}</abs>{value_of(3.0)}</pow>")
     functions = with_terms(functions, {"CD": drag})
     flown = Aircraft("stall", base.vehicle, base.model, functions)
     return Hidden("stall", {"alpha_stall": angle}, flown, base.vehicle, base.model)
@@ -129,8 +125,8 @@ def _reynolds_drag(base: Aircraft, size: float) -> Hidden:
     """The drag at zero lift goes with airspeed to the power -n about that of the flight."""
     n = 0.5 * size
     rest = _without(base.model, {"CD_0": 0.0})
-    ratio = f"<quotient><property>velocities/vt-fps</property>{_value(AIRSPEED / FT)}</quotient>"
-    term = product(_value(base.model.values()["CD_0"]), f"<pow>{ratio}{_value(-n)}</pow>")
+    ratio = f"<quotient><property>velocities/vt-fps</property>{value_of(AIRSPEED / FT)}</quotient>"
+    term = product(value_of(base.model.values()["CD_0"]), f"<pow>{ratio}{value_of(-n)}</pow>")
     functions = with_terms(linear_coefficients(base.vehicle, rest), {"CD": term})
     flown = Aircraft("reynolds_drag", base.vehicle, base.model, functions)
     return Hidden("reynolds_drag", {"n": n}, flown, base.vehicle, base.model)

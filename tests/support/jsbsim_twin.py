@@ -64,34 +64,34 @@ def settle(twin: jsbsim.FGFDMExec, lags: Iterable[Lag]) -> None:
         twin.set_property_value(lag.name, twin.get_property_value(lag.start))
 
 
-def _value(x: float) -> str:
+def value_of(x: float) -> str:
     return f"<value>{x!r}</value>"
 
 
-def _property(name: str) -> str:
+def property_of(name: str) -> str:
     return f"<property>{name}</property>"
 
 
 def regressor(name: str, vehicle: Vehicle) -> str:
     """JSBSim expression of alpha, beta, a surface, CL, or a nondimensional rate."""
     if name in _PROPERTIES:
-        return _property(_PROPERTIES[name])
+        return property_of(_PROPERTIES[name])
     length = {"p": vehicle.geometry.b, "q": vehicle.geometry.c, "r": vehicle.geometry.b}[name] / FT
     return (
-        f"<quotient><product>{_property(f'velocities/{name}-rad_sec')}{_value(0.5 * length)}</product>"
-        f"{_property('velocities/vt-fps')}</quotient>"
+        f"<quotient><product>{property_of(f'velocities/{name}-rad_sec')}{value_of(0.5 * length)}</product>"
+        f"{property_of('velocities/vt-fps')}</quotient>"
     )
 
 
 def function(axis: str, terms: Iterable[str]) -> str:
     """JSBSim function of one coefficient (CL ... Cn): the sum of its terms."""
     # A sum of JSBSim's has two members at least.
-    return f'<function name="aero/twin/{axis}"><sum>{_value(0.0)}{_value(0.0)}{"".join(terms)}</sum></function>'
+    return f'<function name="aero/twin/{axis}"><sum>{value_of(0.0)}{value_of(0.0)}{"".join(terms)}</sum></function>'
 
 
 def product(*factors: str) -> str:
     """Product of JSBSim expressions."""
-    return f"<product>{_value(1.0)}{''.join(factors)}</product>"
+    return f"<product>{value_of(1.0)}{''.join(factors)}</product>"
 
 
 def linear_coefficients(vehicle: Vehicle, model: Model) -> dict[str, str]:
@@ -105,7 +105,7 @@ def _coefficient(axis: str, vehicle: Vehicle, model: Model) -> str:
     return function(
         axis,
         [
-            product(_value(value), *(regressor(f, vehicle) for f in term.factors))
+            product(value_of(value), *(regressor(f, vehicle) for f in term.factors))
             for term, value in terms
             if term.axis == axis
         ],
@@ -115,28 +115,28 @@ def _coefficient(axis: str, vehicle: Vehicle, model: Model) -> str:
 def _axis(name: str, size: float, body: str) -> str:
     """One axis: dynamic pressure times `size` (ft^2 or ft^3) times `body`. Force in pounds, moment in foot-pounds."""
     return (
-        f'<axis name="{name}"><function name="aero/twin/{name}"><product>{_property("aero/qbar-psf")}'
-        f"{_value(size)}{body}</product></function></axis>"
+        f'<axis name="{name}"><function name="aero/twin/{name}"><product>{property_of("aero/qbar-psf")}'
+        f"{value_of(size)}{body}</product></function></axis>"
     )
 
 
 def _aerodynamics(vehicle: Vehicle, coefficients: Mapping[str, str]) -> str:
     geometry = vehicle.geometry
     S, b, c = geometry.S / FT**2, geometry.b / FT, geometry.c / FT
-    CL, CD = _property("aero/twin/CL"), _property("aero/twin/CD")
-    cos, sin = f"<cos>{_property('aero/alpha-rad')}</cos>", f"<sin>{_property('aero/alpha-rad')}</sin>"
+    CL, CD = property_of("aero/twin/CL"), property_of("aero/twin/CD")
+    cos, sin = f"<cos>{property_of('aero/alpha-rad')}</cos>", f"<sin>{property_of('aero/alpha-rad')}</sin>"
     X = f"<difference><product>{CL}{sin}</product><product>{CD}{cos}</product></difference>"
-    Z = f"<sum><product>{_value(-1.0)}{CL}{cos}</product><product>{_value(-1.0)}{CD}{sin}</product></sum>"
+    Z = f"<sum><product>{value_of(-1.0)}{CL}{cos}</product><product>{value_of(-1.0)}{CD}{sin}</product></sum>"
     return "".join(
         [
             "<aerodynamics>",
             *(coefficients[axis] for axis in AXES),
             _axis("X", S, X),
-            _axis("Y", S, _property("aero/twin/CY")),
+            _axis("Y", S, property_of("aero/twin/CY")),
             _axis("Z", S, Z),
-            _axis("ROLL", S * b, _property("aero/twin/Cl")),
-            _axis("PITCH", S * c, _property("aero/twin/Cm")),
-            _axis("YAW", S * b, _property("aero/twin/Cn")),
+            _axis("ROLL", S * b, property_of("aero/twin/Cl")),
+            _axis("PITCH", S * c, property_of("aero/twin/Cm")),
+            _axis("YAW", S * b, property_of("aero/twin/Cn")),
             "</aerodynamics>",
         ]
     )
@@ -212,8 +212,8 @@ def _flight_control(lags: Iterable[Lag]) -> str:
     """Components that run once a step, before the aerodynamics."""
     declared = "".join(f'<property value="0.0">{lag.name}</property>' for lag in lags)
     moved = "".join(
-        f'<fcs_function name="{lag.name}-next"><function><sum>{_property(lag.name)}<product>{_value(lag.share)}'
-        f"<difference>{lag.follows}{_property(lag.name)}</difference></product></sum></function>"
+        f'<fcs_function name="{lag.name}-next"><function><sum>{property_of(lag.name)}<product>{value_of(lag.share)}'
+        f"<difference>{lag.follows}{property_of(lag.name)}</difference></product></sum></function>"
         f"<output>{lag.name}</output></fcs_function>"
         for lag in lags
     )

@@ -20,7 +20,7 @@ from field_sensors import sense
 from jsbsim_effects import NAMES, Hidden, hidden, with_terms
 from jsbsim_flight import STEP as FINE_STEP
 from jsbsim_flight import Aircraft, drawn_aircraft, multisine
-from jsbsim_twin import FT, Array, product, regressor
+from jsbsim_twin import FT, Array, product, property_of, regressor, value_of
 from scipy import signal
 
 SECONDS = 80.0
@@ -38,23 +38,17 @@ class Planned:
     servo: Servo = field(default_factory=Servo)
 
 
-def _value(x: float) -> str:
-    return f"<value>{x!r}</value>"
-
-
-def _property(name: str) -> str:
-    return f"<property>{name}</property>"
-
-
-_ALPHA, _BETA, _RUDDER = (_property(f"{name}-rad") for name in ("aero/alpha", "aero/beta", "fcs/rudder-pos"))
-_SECONDS = _property("simulation/sim-time-sec")
+_ALPHA, _BETA, _RUDDER = (property_of(f"{name}-rad") for name in ("aero/alpha", "aero/beta", "fcs/rudder-pos"))
+_SECONDS = property_of("simulation/sim-time-sec")
 
 
 def _thrust_share(base: Aircraft, scale: float) -> str:
     """Thrust over dynamic pressure and wing area, times scale."""
     area = base.vehicle.geometry.S / FT**2
-    pressure = f"<product>{_property('aero/qbar-psf')}{_value(area)}</product>"
-    return f"<quotient>{product(_value(scale), _property('external_reactions/thrust/magnitude'))}{pressure}</quotient>"
+    pressure = f"<product>{property_of('aero/qbar-psf')}{value_of(area)}</product>"
+    return (
+        f"<quotient>{product(value_of(scale), property_of('external_reactions/thrust/magnitude'))}{pressure}</quotient>"
+    )
 
 
 def _propwash(base: Aircraft, size: float) -> Planned:
@@ -71,14 +65,16 @@ def _torque(base: Aircraft, size: float) -> Planned:
 
 def _downwash(base: Aircraft, size: float) -> Planned:
     half = 0.5 * base.vehicle.geometry.c / FT
-    turn = product(_value(-4.0 * size * half), _property("aero/alphadot-rad_sec"))
-    return Planned({"Cm_alphadot": -4.0 * size}, {"Cm": f"<quotient>{turn}{_property('velocities/vt-fps')}</quotient>"})
+    turn = product(value_of(-4.0 * size * half), property_of("aero/alphadot-rad_sec"))
+    return Planned(
+        {"Cm_alphadot": -4.0 * size}, {"Cm": f"<quotient>{turn}{property_of('velocities/vt-fps')}</quotient>"}
+    )
 
 
 # Of sensors, servos and the power: what is listed, by the catalogue's name.
 MORE: dict[str, Callable[[Aircraft, float], Planned]] = {
     "asymmetry": lambda _, size: Planned(
-        {"Cl_0": 0.004 * size, "Cn_0": -0.002 * size}, {"Cl": _value(0.004 * size), "Cn": _value(-0.002 * size)}
+        {"Cl_0": 0.004 * size, "Cn_0": -0.002 * size}, {"Cl": value_of(0.004 * size), "Cn": value_of(-0.002 * size)}
     ),
     "propwash_elevator": _propwash,
     "propeller_torque": _torque,
@@ -97,27 +93,27 @@ MORE: dict[str, Callable[[Aircraft, float], Planned]] = {
 _MADE_UP: dict[str, Callable[[float], Mapping[str, str]]] = {
     "lift_ripple": lambda size: {
         "CL": product(
-            _value(0.05 * size), f"<sin>{product(_value(float(2.0 * np.pi / np.radians(3.0))), _ALPHA)}</sin>"
+            value_of(0.05 * size), f"<sin>{product(value_of(float(2.0 * np.pi / np.radians(3.0))), _ALPHA)}</sin>"
         )
     },
     "periodic_moment": lambda size: {
-        "Cm": product(_value(0.006 * size), f"<sin>{product(_value(2.0 * np.pi * 0.9), _SECONDS)}</sin>")
+        "Cm": product(value_of(0.006 * size), f"<sin>{product(value_of(2.0 * np.pi * 0.9), _SECONDS)}</sin>")
     },
     "one_sided_rudder": lambda size: {
-        "Cn": product(_value(-0.05 * size), f"<max>{_RUDDER}{_value(0.0)}</max>"),
+        "Cn": product(value_of(-0.05 * size), f"<max>{_RUDDER}{value_of(0.0)}</max>"),
     },
     "sideslip_notch": lambda size: {
         "Cl": product(
-            _value(0.006 * size),
-            f"<exp>{product(_value(float(-0.5 / np.radians(0.7) ** 2)), _BETA, _BETA)}</exp>",
+            value_of(0.006 * size),
+            f"<exp>{product(value_of(float(-0.5 / np.radians(0.7) ** 2)), _BETA, _BETA)}</exp>",
         )
     },
-    "slow_lift_loss": lambda size: {"CL": product(_value(-0.1 * size / SECONDS), _SECONDS)},
+    "slow_lift_loss": lambda size: {"CL": product(value_of(-0.1 * size / SECONDS), _SECONDS)},
     "shifting_battery": lambda size: {
         "Cm": product(
-            _value(0.08 * size),
-            _property("aero/twin/CL"),
-            f"<ifthen><gt>{_SECONDS}{_value(0.45 * SECONDS)}</gt>{_value(1.0)}{_value(0.0)}</ifthen>",
+            value_of(0.08 * size),
+            property_of("aero/twin/CL"),
+            f"<ifthen><gt>{_SECONDS}{value_of(0.45 * SECONDS)}</gt>{value_of(1.0)}{value_of(0.0)}</ifthen>",
         )
     },
 }

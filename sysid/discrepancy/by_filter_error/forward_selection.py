@@ -137,7 +137,7 @@ def extend(search: Search, progress: Progress) -> bool:
     if search.named and is_too_little_beside(search.named[0].came_with, best.gain):
         search.dropped.append(beside_first(own, best.gain, search.named[0].effect))
         return False
-    if words := within_stamps(candidate, values_alone(candidate, result), problem.records[0].interval_s):
+    if words := within_stamps(candidate, values_of(candidate, result), problem.records[0].interval_s):
         search.dropped.append(words)
         return False
     alternatives = tuple(item for item in smallest_set(probabilities) if item[0] != own)
@@ -159,7 +159,7 @@ def _is_possible(problem: Problem, candidate: Candidate, result: FilterErrorResu
     """Whether an effect as fitted is one: its moment within a flight, and no less than a step of what goes in steps,
     which is known to half of one.
     """
-    values = values_alone(candidate, result)
+    values = {name: result.value(candidate.parameter(name)) for name in candidate.free}
     steps = stepping_of(candidate.effect)
     return happens_in_flight(candidate, values, problem) and all(values[name] >= step for name, step in steps.items())
 
@@ -306,11 +306,6 @@ def update_estimate(search: Search, result: FilterErrorResult) -> None:
     search.model = model_of(
         search.model, search.model.name, result, search.coefficients, search.effects, (), search.model.validity
     )
-
-
-def values_alone(candidate: Candidate, result: FilterErrorResult) -> dict[str, float]:
-    """Values of a candidate's parameters."""
-    return {name: result.value(candidate.parameter(name)) for name in candidate.free}
 
 
 def values_of(candidate: Candidate, result: FilterErrorResult) -> dict[str, tuple[float, float]]:

@@ -8,7 +8,7 @@ absorbed. In calm air too: a model that lacks something still follows the flight
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -53,9 +53,9 @@ from sysid.quality.flight_rules import flights_quality
 from sysid.signals.preparation import Prepared, require_thrust
 
 
-def compare(asked: Asked, read: FlightsRead, propose: Callable[[], Sequence[Named]] = tuple) -> Outcome:
-    """What the flights say of the model. read: the flights as their sensors meant them. propose: what else effects may
-    be that the search has no name for.
+def compare(asked: Asked, read: FlightsRead, proposed: Sequence[Named] = ()) -> Outcome:
+    """What the flights say of the model. read: the flights as their sensors meant them. proposed: effects that were
+    found elsewhere, which the search tries beside what it finds promising itself.
 
     Raises SysidError subclasses in one line.
     """
@@ -71,8 +71,7 @@ def compare(asked: Asked, read: FlightsRead, propose: Callable[[], Sequence[Name
     require_thrust([*prepared, *held_out])
     used = Flights(prepared, compatible, vehicle, progress)
     base = fitted_again(used, model, asked.ruled_out)
-    progress(0.3, "effects that another model of the noise finds")
-    search = _searched(used, base, propose())
+    search = _searched(used, base, proposed)
     settle_names(search)
     verdict = verdict_of(used, base, search)
     if verdict.name == "unexplained" and search.named:
@@ -116,7 +115,7 @@ def _searched(used: Flights, base: Baseline, proposed: Sequence[Named]) -> Searc
     """Effects added one after the other until nothing is left. proposed: what else to try first."""
     search = replace(_without(base), proposed=proposed)
     while len(search.named) < MAX_EFFECTS:
-        begin, width = 0.35 + 0.35 * len(search.named) / MAX_EFFECTS, 0.35 / MAX_EFFECTS
+        begin, width = 0.3 + 0.4 * len(search.named) / MAX_EFFECTS, 0.4 / MAX_EFFECTS
         if not extend(search, partial(_part_of, used.progress, begin, width)):
             break
         _with_bench(used, search)

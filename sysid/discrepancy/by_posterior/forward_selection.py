@@ -127,8 +127,7 @@ def _extend(found: SelectionState, progress: Progress) -> bool:
     if found.named and is_too_little_beside(found.named[0].came_with, best.gain):
         found.notes.append(beside_first(best.candidate.effect.name, best.gain, found.named[0].effect))
         return False
-    values = {name: value for name, (value, _) in best.values.items()}
-    if words := within_stamps(best.candidate, values, found.problem.records[0].interval_s):
+    if words := within_stamps(best.candidate, best.values, found.problem.records[0].interval_s):
         found.notes.append(words)
         return False
     own = best.candidate.effect.name
@@ -136,7 +135,7 @@ def _extend(found: SelectionState, progress: Progress) -> bool:
     alternatives = tuple(item for item in smallest_set(every) if item[0] != own)
     found.named.append(Named(best.candidate, significance, alternatives, best.values, len(choices), best.gain))
     found.groups = dict(best.groups)
-    found.model = found.model.with_effect(best.candidate.effect, values)
+    found.model = found.model.with_effect(best.candidate.effect, {name: v for name, (v, _) in best.values.items()})
     return True
 
 
