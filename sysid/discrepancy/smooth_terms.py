@@ -1,11 +1,17 @@
-"""Smooth terms that a model lacks, by which whatever is missing shows."""
+"""Smooth terms that a model lacks, by which whatever is missing shows, and what its own terms explain."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+import numpy as np
+
 from sim_vehicle.effects import CoefficientEffect, Parameter, Stage
 from sim_vehicle.model.model_file import Model
+from sysid.arrays import Array
 from sysid.discrepancy.candidates import Candidate
 from sysid.equation_error.coefficients import AXES
+from sysid.numerics.normal_equations import inverse
 from sysid.problem.estimation_problem import Problem
 
 # Smooth terms that no single effect of the catalogue is, by which whatever is missing shows.
@@ -24,4 +30,28 @@ def smooth_terms(problem: Problem, model: Model) -> list[Candidate]:
             parameters = tuple(Parameter(name, "1", -1.0, 1.0, (0.0,)) for name in free)
             effect = CoefficientEffect(axis, f"smooth terms of {axis}", Stage.AERODYNAMICS, parameters, "")
             found.append(Candidate(effect, free, (dict.fromkeys(free, 0.0),)))
+    return found
+
+
+def explained_by_axis(names: Sequence[str], values: Array, covariance: Array) -> dict[str, float]:
+    """Wald's statistic of the coefficients of each axis together: twice the log likelihood that they explain.
+
+    Parameters
+    ----------
+    names : Sequence[str]
+        P parameters, coefficients among them.
+    values, covariance : Array, shapes (P,) and (P, P)
+        Their estimates, each in its own unit.
+
+    Returns
+    -------
+    dict[str, float]
+        Axis -> statistic [1]; axes without a coefficient are left out.
+    """
+    found = {}
+    for axis in AXES:
+        places = [i for i, name in enumerate(names) if name.startswith(f"{axis}_")]
+        if places:
+            own = values[places]
+            found[axis] = float(own @ inverse(covariance[np.ix_(places, places)]) @ own)
     return found

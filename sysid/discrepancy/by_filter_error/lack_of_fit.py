@@ -5,16 +5,13 @@ from __future__ import annotations
 import numpy as np
 from scipy import special
 
-from sim_vehicle.model.aerodynamic_terms import AXES
 from sysid.discrepancy.by_filter_error.candidate_fits import FittedModel
 from sysid.discrepancy.by_filter_error.filter_scores import filter_gains
-from sysid.discrepancy.naming_rule import LeftOver
-from sysid.discrepancy.smooth_terms import smooth_terms
+from sysid.discrepancy.naming_rule import KNOWN_TO, LeftOver
+from sysid.discrepancy.smooth_terms import explained_by_axis, smooth_terms
 from sysid.discrepancy.wording import chance_text
 from sysid.filter_error.estimation import build_filter
-from sysid.filter_error.estimator import FilterErrorResult
 from sysid.numerics.autocorrelation import pooled_autocorrelation
-from sysid.numerics.normal_equations import inverse
 from sysid.problem.estimation_problem import Problem
 from sysid.signals.record import OUTPUTS
 
@@ -23,9 +20,6 @@ from sysid.signals.record import OUTPUTS
 _NOISIER, _COLOURED = 1.3, 1.5
 # Chance of smooth terms of an axis gaining so much where nothing is missing, over all axes.
 _CHANCE = 1e-4
-# Share of what an axis' own terms explain that surfaces known to a microsecond or two, their edges between samples
-# and the sensors' places leave to smooth terms: where nothing was missing it has been up to 0.8e-4.
-_KNOWN_TO = 2e-4
 
 
 def lack_of_fit(problem: Problem, setting: FittedModel, least: float = 0.0) -> dict[str, LeftOver]:
@@ -43,24 +37,13 @@ def lack_of_fit(problem: Problem, setting: FittedModel, least: float = 0.0) -> d
         ratio = float(result.sigma[j] / np.sqrt(variance))
         if ratio > _NOISIER and colour > _COLOURED:
             found[OUTPUTS[j]] = LeftOver(f"noise {ratio:.2f} times the sensor's, {colour:.1f} samples alike")
-    explained = _explained_by_axis(result)
+    names = [parameter.name for parameter in result.parameters]
+    explained = explained_by_axis(names, result.theta, result.covariance)
     choices = smooth_terms(problem, setting.model)
     gains = filter_gains(problem, setting.model, setting.coefficients, setting.effects, result, choices)
     for choice, (gain, _) in zip(choices, gains, strict=True):
         chance = float(special.chdtrc(len(choice.free), max(gain, 0.0)))
-        floor = max(least, _KNOWN_TO * explained.get(choice.effect.name, 0.0))
+        floor = max(least, KNOWN_TO * explained.get(choice.effect.name, 0.0))
         if chance * len(choices) < _CHANCE and gain > floor:
             found[choice.effect.name] = LeftOver(f"smooth terms gain {gain:.0f}, {chance_text(chance)}", gain)
-    return found
-
-
-def _explained_by_axis(result: FilterErrorResult) -> dict[str, float]:
-    """Axis -> Wald's statistic of its coefficients together: twice the log likelihood that they explain."""
-    names = [parameter.name for parameter in result.parameters]
-    found = {}
-    for axis in AXES:
-        places = [i for i, name in enumerate(names) if name.startswith(f"{axis}_")]
-        if places:
-            values = result.theta[places]
-            found[axis] = float(values @ inverse(result.covariance[np.ix_(places, places)]) @ values)
     return found

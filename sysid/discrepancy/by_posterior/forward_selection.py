@@ -21,9 +21,9 @@ from sysid.discrepancy.by_posterior.naming_rules import RULES
 from sysid.discrepancy.by_posterior.screening import PredictedGain, RestartGain, promises, second_looks
 from sysid.discrepancy.candidates import Candidate, candidates, stepping_of
 from sysid.discrepancy.identified_effect import Named, beside_first, nearly, within_stamps
-from sysid.discrepancy.naming_rule import LeftOver, is_too_little_beside, left_of_the_first
+from sysid.discrepancy.naming_rule import KNOWN_TO, LeftOver, is_too_little_beside, left_of_the_first
 from sysid.discrepancy.significance import NAMING_P_VALUE, Significance, is_unlikely, smallest_set
-from sysid.discrepancy.smooth_terms import smooth_terms
+from sysid.discrepancy.smooth_terms import explained_by_axis, smooth_terms
 from sysid.discrepancy.wording import chance_text
 from sysid.problem.estimation_problem import Problem, Progress
 
@@ -300,6 +300,7 @@ def _look_at_the_rest(found: SelectionState) -> None:
     terms = smooth_terms(found.problem, found.model)
     for group, fit in found.groups.items():
         own = [one for one in terms if fit.takes(one.free[0])]
+        explained = explained_by_axis(fit.names, fit.theta[: len(fit.names)], fit.covariance())
         for one, promise in zip(own, promises(fit, own), strict=True):
             if promise.gain < RULES.least_promise:
                 continue
@@ -307,7 +308,8 @@ def _look_at_the_rest(found: SelectionState) -> None:
             if after is None:
                 continue
             gain = 2.0 * (fit.posterior.profile_cost(fit.theta) - after.posterior.profile_cost(after.theta))
-            if after.evidence - fit.evidence < RULES.evidence:
+            known = KNOWN_TO * explained.get(one.effect.name, 0.0)
+            if gain < known or after.evidence - fit.evidence < RULES.evidence:
                 continue
             values, stds = after.values(), after.stds()
             trial = Trial(

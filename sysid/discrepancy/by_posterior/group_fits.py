@@ -69,11 +69,15 @@ class GroupFit:
         """Coefficients and parameters of effects that are free."""
         return dict(zip(self.names, self.theta[: len(self.names)].tolist(), strict=True))
 
-    def stds(self) -> dict[str, float]:
-        """Their standard deviations with the noise as it is estimated here."""
-        posterior = self.posterior
+    def covariance(self) -> Array:
+        """(P, P) of them, in the order of `names`, with the noise as it is estimated here."""
+        posterior, count = self.posterior, len(self.names)
         H, _ = posterior.normal(posterior.point(self.theta))
-        return dict(zip(self.names, np.sqrt(np.diag(inverse(H)))[: len(self.names)].tolist(), strict=True))
+        return np.asarray(inverse(H)[:count, :count])
+
+    def stds(self) -> dict[str, float]:
+        """Their standard deviations."""
+        return dict(zip(self.names, np.sqrt(np.diag(self.covariance())).tolist(), strict=True))
 
     def ended(self) -> GroupEstimate:
         """The group, estimated, with bars that count all."""
