@@ -75,7 +75,7 @@ def discrepancy(
 
 
 def _compared(asked: Asked, method: str) -> Outcome:
-    from sysid.discrepancy.by_posterior.workflow import compare, compare_textbooks, proposed  # slow to import
+    from sysid.discrepancy.by_posterior.workflow import compare, search_textbooks  # slow to import
 
     asked.progress(0.02, "units, signs and axes")
     read = read_flights(asked.flights, asked.validate_on, asked.vehicle, asked.as_recorded, asked.start_s, asked.stop_s)
@@ -85,13 +85,17 @@ def _compared(asked: Asked, method: str) -> Outcome:
     if (found := compare(asked, read)) is not None:
         return found
     if method == "map":
-        return compare_textbooks(_between(0.28, _COMPARED, asked), read)
+        return search_textbooks(_between(0.28, _COMPARED, asked), read).outcome()
+    other = None
+    with suppress(SysidError):
+        other = search_textbooks(_between(0.28, 0.4, asked), read)
     try:
-        first = proposed(_between(0.28, 0.4, asked), read)
-        return by_filter_error.compare(_between(0.4, _COMPARED, asked), read, first)
+        return by_filter_error.compare(_between(0.4, _COMPARED, asked), read, other.named if other else ())
     except SysidError as error:
+        if other is None:
+            raise
         with suppress(SysidError):
-            found = compare_textbooks(_between(0.6, _COMPARED, asked), read)
+            found = other.outcome()
             return replace(found, warnings=(f"filter error cannot be used: {error}", *found.warnings))
         raise
 

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from sim_vehicle.effects import EFFECTS
 from sim_vehicle.effects.thrust_scale import THRUST_SCALE
@@ -22,7 +21,7 @@ from sysid.discrepancy.by_posterior.ideal_sensors import (
 from sysid.discrepancy.by_posterior.verdict import verdict_of
 from sysid.discrepancy.comparison_types import MAX_EFFECTS, Asked, Compared, Outcome
 from sysid.discrepancy.identified_effect import Named
-from sysid.errors import EstimationError, SysidError
+from sysid.errors import EstimationError
 from sysid.identification.posterior_method import Flown, effects_with, flown, with_thrust_line
 from sysid.identification.repaired_flight import FlightsRead
 from sysid.numerics.dryden import Turbulence
@@ -54,32 +53,42 @@ def compare(asked: Asked, read: FlightsRead) -> Outcome | None:
         base = _fitted(seen.parts, asked, model)
     except EstimationError:
         return None
-    return _searched(asked, read, seen, model, base, False) if has_actuator_lag_and_coloured_noise(base) else None
+    if not has_actuator_lag_and_coloured_noise(base):
+        return None
+    return _outcome(asked, read, seen, model, base, _selected(asked, seen, model, base, False))
 
 
-def compare_textbooks(asked: Asked, read: FlightsRead) -> Outcome:
-    """The same of flights of the textbooks: what servos, vanes and the pitot do is an effect like others.
+@dataclass(frozen=True)
+class TextbookSearch:
+    """What may be missing in flights of the textbooks, before any verdict. base: the model fitted again."""
+
+    asked: Asked
+    read: FlightsRead
+    seen: Flown
+    base: PosteriorEstimate
+    found: SelectionState
+
+    @property
+    def named(self) -> Sequence[Named]:
+        """The effects."""
+        return tuple(self.found.named)
+
+    def outcome(self) -> Outcome:
+        """The comparison that they come to. Raises SysidError subclasses in one line."""
+        return _outcome(self.asked, self.read, self.seen, self.asked.model, self.base, self.found)
+
+
+def search_textbooks(asked: Asked, read: FlightsRead) -> TextbookSearch:
+    """The search in flights of the textbooks: what servos, vanes and the pitot do is an effect like others.
 
     Raises SysidError subclasses in one line.
     """
-    asked, seen = _as_textbook(asked, read)
-    return _searched(asked, read, seen, asked.model, _fitted(seen.parts, asked, asked.model), True)
-
-
-def proposed(asked: Asked, read: FlightsRead) -> list[Named]:
-    """Effects that may be missing in flights of the textbooks, before any verdict: none where there is no estimate."""
-    with suppress(SysidError):
-        asked, seen = _as_textbook(asked, read)
-        return _selected(asked, seen, asked.model, _fitted(seen.parts, asked, asked.model), True).named
-    return []
-
-
-def _as_textbook(asked: Asked, read: FlightsRead) -> tuple[Asked, Flown]:
-    """With sensors and servos that have no errors but their noise, and the flights read so."""
     asked = replace(asked, vehicle=with_ideal_sensors(_with_the_model_s_thrust_line(asked.vehicle)))
     seen = flown(read.fitted, asked.vehicle)
     require_thrust(seen.prepared)
-    return replace(asked, vehicle=with_airspeed_at_once(asked.vehicle)), seen
+    asked = replace(asked, vehicle=with_airspeed_at_once(asked.vehicle))
+    base = _fitted(seen.parts, asked, asked.model)
+    return TextbookSearch(asked, read, seen, base, _selected(asked, seen, asked.model, base, True))
 
 
 def _selected(asked: Asked, seen: Flown, model: Model, base: PosteriorEstimate, textbook: bool) -> SelectionState:
@@ -97,12 +106,11 @@ def _selected(asked: Asked, seen: Flown, model: Model, base: PosteriorEstimate, 
     return found
 
 
-def _searched(
-    asked: Asked, read: FlightsRead, seen: Flown, model: Model, base: PosteriorEstimate, textbook: bool
+def _outcome(
+    asked: Asked, read: FlightsRead, seen: Flown, model: Model, base: PosteriorEstimate, found: SelectionState
 ) -> Outcome:
-    """Effects named beside the model fitted again, and the gap with them."""
+    """The gap with what was named."""
     progress, vehicle = asked.progress, asked.vehicle
-    found = _selected(asked, seen, model, base, textbook)
     motion = found.problem.motion
     best = base
     if found.named:
