@@ -23,7 +23,7 @@ COMPANION_SHARE = 0.1
 OWN_SHARE = 0.3
 
 #: Share of what an axis' own terms explain that surfaces known to a microsecond or two, their edges between samples and
-#: the sensors' places leave to smooth terms: where nothing was missing it has been up to 0.8e-4.
+#: the sensors' places leave to smooth terms: where nothing was missing it has been up to 1.0e-4.
 KNOWN_TO = 2e-4
 #: Chance of coefficients as far from those given, below which those are wrong.
 CHANCE = 1e-4
