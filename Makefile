@@ -3,6 +3,9 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
+# Modules stay compiled, whatever the machine says: a run starts hundreds of processes that would compile them again.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: help setup demo test test-fast check docs lock interop page-pictures worked-example bench paper-tables campaign clean
 
 setup: $(VENV)/.ready  ## the environment in .venv, loops compiled; every target sets it up as far as it needs it

@@ -7,8 +7,6 @@ from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 
-import pytest
-
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("sim_vehicle", "sysid", "gcs", "flightmodel")
 SECTIONS = ("Parameters", "Returns", "Yields", "Raises", "Notes", "References", "Examples")
@@ -64,31 +62,33 @@ def parameters(node: ast.FunctionDef) -> list[str]:
     return [one.arg for one in every if one.arg != "self"]
 
 
-FOUND = dict(functions())
-
-
-def test_there_are_such_functions() -> None:
-    assert len(FOUND) > 60
-
-
-@pytest.mark.parametrize("name", sorted(FOUND))
-def test_a_numerical_function_describes_what_it_takes_and_gives(name: str) -> None:
-    node = FOUND[name]
+def faults(node: ast.FunctionDef) -> Iterator[str]:
+    """What a function's docstring leaves out or says of what is not there."""
     stated = sections(ast.get_docstring(node) or "")
-    heads = [line for line in stated.get("Parameters", []) if line and not line.startswith(" ")]
+    lines = stated.get("Parameters", [])
+    heads = [line for line in lines if line and not line.startswith(" ")]
     described = [one.strip().lstrip("*") for line in heads for one in line.partition(" : ")[0].split(",")]
-    assert described == parameters(node)
+    if described != parameters(node):
+        yield f"describes {described}, takes {parameters(node)}"
     # Each head is followed by what the parameter is.
     for line in heads:
-        after = stated["Parameters"][stated["Parameters"].index(line) + 1 :]
-        assert " : " in line, line
-        assert after, line
-        assert after[0].startswith("    "), line
+        after = lines[lines.index(line) + 1 :]
+        if " : " not in line or not after or not after[0].startswith("    "):
+            yield f"says nothing of {line!r}"
     gives = node.returns is not None and ast.unparse(node.returns) != "None"
-    assert ("Returns" in stated) == gives
+    if ("Returns" in stated) != gives:
+        yield f"Returns is {'missing' if gives else 'there for nothing'}"
     raised = {
         ast.unparse(one.exc.func if isinstance(one.exc, ast.Call) else one.exc)
         for one in ast.walk(node)
         if isinstance(one, ast.Raise) and one.exc is not None
     }
-    assert raised <= {line.strip() for line in stated.get("Raises", [])}
+    if unsaid := raised - {line.strip() for line in stated.get("Raises", [])}:
+        yield f"raises {sorted(unsaid)} without a word"
+
+
+def test_a_numerical_function_describes_what_it_takes_and_gives() -> None:
+    found = dict(functions())
+    assert len(found) > 60
+    said = {name: list(faults(node)) for name, node in found.items()}
+    assert {name: what for name, what in said.items() if what} == {}
