@@ -9,7 +9,7 @@ own.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import exp
 
 import numpy as np
@@ -115,7 +115,7 @@ def _travel(readings: Array) -> float:
 @dataclass(frozen=True)
 class System:
     """A record as a linear system driven by white noise (sysid.filter_error.kalman.kalman_pass). output: gusts from
-    states.
+    the states after the free ones.
     """
 
     transition: Array
@@ -163,61 +163,28 @@ def unseen(record: Record, flat: PackedModel) -> list[HiddenInput]:
     return found
 
 
-def with_unseen(system: System, one: HiddenInput, step: Array, read: Array) -> System:
-    """The system with a state more for something unseen. step: (N - 1, states), read: (N, m) slopes by it."""
-    nx = system.drift.shape[1]
-    transition = np.zeros((system.drift.shape[0], nx + 1, nx + 1))
-    transition[:, :nx, :nx] = system.transition
-    transition[:, : step.shape[1], nx] = step
-    transition[:, nx, nx] = one.decay
-    process, p_start = np.zeros_like(transition), np.zeros((nx + 1, nx + 1))
-    process[:, :nx, :nx], p_start[:nx, :nx] = system.process, system.p_start
-    process[:, nx, nx], p_start[nx, nx] = one.fresh, one.start
-
-    def wider(values: Array) -> Array:
-        return np.concatenate((values, np.zeros((values.shape[0], 1))), axis=1)
-
-    return replace(
-        system,
-        transition=transition,
-        drift=wider(system.drift),
-        observe=np.ascontiguousarray(np.concatenate((system.observe, read[:, :, None]), axis=2)),
-        jump=wider(system.jump),
-        process=process,
-        p_start=p_start,
-        output=wider(system.output),
-    )
+def fill_unseen(system: System, place: int, one: HiddenInput, step: Array, read: Array) -> None:
+    """Make a state at rest, the one at `place`, something unseen. step: (N - 1, nf), read: (N, m) slopes by it."""
+    system.transition[:, : step.shape[1], place] = step
+    system.transition[:, place, place] = one.decay
+    system.process[:, place, place], system.p_start[place, place] = one.fresh, one.start
+    system.observe[:, :, place] = read
 
 
-def with_memory(system: System, memory: Memory, states: int, gusts: Array) -> System:
-    """The system with a state more for every memory. states: free states, before gusts. gusts: (N, na) of the path."""
-    steps, nx = system.drift.shape
-    count = memory.columns.size
-    size = nx + count
-    transition, process = np.zeros((steps, size, size)), np.zeros((steps, size, size))
-    transition[:, :nx, :nx], process[:, :nx, :nx] = system.transition, system.process
-    mine = np.arange(nx, size)
+def fill_memory(system: System, place: int, memory: Memory, states: int, gusts: Array) -> None:
+    """Make states at rest, from `place` on, what sensors remember. states: free ones, which come first. gusts: (N, na)
+    of the path.
+    """
+    mine = np.arange(place, place + memory.columns.size)
     by_gusts = memory.slopes[:, :, states:]
-    transition[:, nx:, :states] = (memory.taken[:, None] * memory.slopes[:, :, :states])[:-1]
-    transition[:, nx:, states:nx] = (memory.taken[:, None] * by_gusts @ system.output)[:-1]
-    transition[:, mine, mine] = memory.decay
+    system.transition[:, mine, :states] = (memory.taken[:, None] * memory.slopes[:, :, :states])[:-1]
+    through = memory.taken[:, None] * by_gusts @ system.output[:, : place - states]
+    system.transition[:, mine, states:place] = through[:-1]
+    system.transition[:, mine, mine] = memory.decay
     # Gusts are whole, not deviations: what the path took of them comes off again.
-    drift = -memory.taken * np.einsum("kla,ka->kl", by_gusts, gusts)[:-1]
+    system.drift[:, mine] = -memory.taken * np.einsum("kla,ka->kl", by_gusts, gusts)[:-1]
     # At the first sample the path's sensors are at rest, before it and after it in two places.
-    drift[0] -= (memory.held - memory.taken) * (memory.slopes[0, :, :states] @ system.jump[0, :states])
-    observe = np.zeros((*system.observe.shape[:2], size))
-    observe[:, :, :nx] = system.observe
-    observe[:, memory.columns, mine] = 1.0
-    p_start = np.zeros((size, size))
-    p_start[:nx, :nx] = system.p_start
-    p_start[mine, mine] = memory.start**2
-    return replace(
-        system,
-        transition=transition,
-        drift=np.concatenate((system.drift, drift), axis=1),
-        observe=observe,
-        jump=np.concatenate((system.jump, np.zeros((system.jump.shape[0], count))), axis=1),
-        process=process,
-        p_start=p_start,
-        output=np.concatenate((system.output, np.zeros((system.output.shape[0], count))), axis=1),
-    )
+    rest = (memory.held - memory.taken) * (memory.slopes[0, :, :states] @ system.jump[0, :states])
+    system.drift[0, mine] -= rest
+    system.observe[:, memory.columns, mine] = 1.0
+    system.p_start[mine, mine] = memory.start**2

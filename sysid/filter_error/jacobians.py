@@ -94,18 +94,19 @@ def path_slopes(
     before: Array, gust_before: Array, after: Array, gust_over: Array, ahead: Array, free: IntArray, axes: IntArray,
     over: Array, seen: Array, thrust: Array, rho: Array, heights: Array, dt: float, P: Array, E: Array, C: Array,
     F: IntArray, K: IntArray, T: IntArray, terms: IntArray, columns: IntArray, weights: Array, places: IntArray,
+    targets: IntArray, width: int,
 ) -> tuple[Array, Array, Array, Array]:  # fmt: skip
     """Derivatives of what `sysid.filter_error.prediction.predict_path` gives for the same arguments.
 
     ahead: (N - 1, 9) its result. axes: gust components that act, na of them. terms, columns, weights: (V,) of every
     unknown the model's term it is the coefficient of (below 0: none), the column of `force_jacobian` it acts through,
-    and a factor at every sample, (V, N). places: among READINGS.
-    Returns the step's derivatives by free states and gusts (N - 1, nf, nf + na) and by the unknowns (N - 1, nf, V),
-    and those of the readings (N, m, nf + na), (N, m, V).
+    and a factor at every sample, (V, N). places: among READINGS. targets: (V,) where each unknown stands among `width`.
+    Returns the step's derivatives by free states and gusts (N - 1, nf, nf + na) and by the unknowns
+    (N - 1, nf, width), 0 where nothing stands, and those of the readings (N, m, nf + na), (N, m, width).
     """
     n, nf, na, m, count = before.shape[0], free.size, axes.size, places.size, terms.size
-    step_x, step_v = np.empty((n - 1, nf, nf + na)), np.empty((n - 1, nf, count))
-    read_x, read_v = np.empty((n, m, nf + na)), np.empty((n, m, count))
+    step_x, step_v = np.empty((n - 1, nf, nf + na)), np.zeros((n - 1, nf, width))
+    read_x, read_v = np.empty((n, m, nf + na)), np.zeros((n, m, width))
     x, W, rate, still = np.zeros(STATE_SIZE), np.zeros(WORK_SIZE), np.zeros(STATE_SIZE), np.zeros(3)
     flow, D, J, R = np.zeros((3, 3)), np.zeros((6, _REGRESSORS)), np.zeros((6, COLUMNS)), np.zeros((6, COLUMNS))
     part, angles, products, H = (
@@ -136,7 +137,8 @@ def path_slopes(
             for a in range(na):
                 read_x[k, j, nf + a] = -H[row, axes[a]] if row < _GROUND else 0.0
             for t in range(count):
-                read_v[k, j, t] = weights[t, k] * H[row, columns[t]] * (products[terms[t]] if terms[t] >= 0 else 1.0)
+                product = products[terms[t]] if terms[t] >= 0 else 1.0
+                read_v[k, j, targets[t]] = weights[t, k] * H[row, columns[t]] * product
         if k + 1 == n:
             break
         for i in range(9):
@@ -174,7 +176,9 @@ def path_slopes(
         step_x[k, :, :nf] = unit + inner + second / 2.0 + third / 6.0 + fourth / 24.0
         moved = (unit + inner / 2.0 + second / 6.0 + third / 24.0) @ direct
         step_x[k, :, nf:] = moved[:, :na]
-        step_v[k] = moved[:, na:]
+        for i in range(nf):
+            for t in range(count):
+                step_v[k, i, targets[t]] = moved[i, na + t]
     return step_x, step_v, read_x, read_v
 
 

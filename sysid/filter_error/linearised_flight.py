@@ -20,11 +20,11 @@ from sysid.filter_error.augmented_states import (
     HiddenInput,
     Memory,
     System,
+    fill_memory,
+    fill_unseen,
     lags,
     remember,
     unseen,
-    with_memory,
-    with_unseen,
 )
 from sysid.filter_error.delayed_outputs import (
     beyond_end,
@@ -33,6 +33,7 @@ from sysid.filter_error.delayed_outputs import (
     missing_likelihood,
     select_delayed,
 )
+from sysid.filter_error.gust_states import motion_and_gusts
 from sysid.filter_error.jacobians import STATE_COLUMNS, THRUST_COLUMN, path_slopes
 from sysid.filter_error.kalman import kalman_pass
 from sysid.filter_error.linearisation_path import Path, apart
@@ -152,17 +153,17 @@ class FilteredFlight:
         predicted = with_placed_errors(y, errors)
         hidden = unseen(record, flat)
         places, terms, columns, weights = self._direct(flat, record, slopes, hidden)
+        # Parameters first, then the unseen.
+        count = theta.size if slopes else 0
+        targets = np.concatenate((places, count + np.arange(len(hidden)))).astype(np.int64)
         step_x, step_v, read_x, read_v = path_slopes(
             path.before, path.gust_before, path.after, path.gust_over, ahead, free, self.axes[k], over, seen, thrust,
             record.rho[record.start :], _heights(record, flat.E), record.interval_s, flat.P,
             _without_lag(self._effects(flat, record)), flat.C, flat.F, flat.K, flat.T, terms, columns, weights,
-            np.arange(len(OUTPUTS)),
+            np.arange(len(OUTPUTS)), targets, count + len(hidden),
         )  # fmt: skip
-        count = theta.size if slopes else 0
-        step_theta = np.zeros((record.length - 1, free.size, count))
-        read_theta = np.zeros((record.length, len(OUTPUTS), count))
-        step_theta[:, :, places] = step_v[:, :, : len(places)]
-        read_theta[:, :, places] = read_v[:, :, : len(places)] * gains[None, :, None]
+        read_v *= gains[:, None]
+        step_theta, read_theta = step_v[:, :, :count], read_v[:, :, :count]
         for i, parameter in enumerate(self.predictor.parameters if slopes else ()):
             if parameter.kind == "sensor":
                 name, slope = sensor_derivative(parameter.name, predicted, errors)
@@ -176,18 +177,18 @@ class FilteredFlight:
                 there = self._predicted(k, other, thrust, *self._surfaces(k, other))
                 step_theta[:, :, i] = apart(there[0], ahead)[:, free] / h
                 read_theta[:, :, i] = (there[1] - y) * gains / h
-        read_x *= gains[None, :, None]
+        read_x *= gains[:, None]
         memory = remember(lags(flat.E, record.interval_s), self.columns, record.z, read_x, read_theta, places)
         return LinearisedRecord(
             drift=apart(ahead, path.before[1:])[:, free],
             step_x=step_x,
             step_theta=step_theta,
             left=np.where(never, np.nan, angle_wrap(record.z - predicted))[:, self.columns],
-            read_x=read_x[:, self.columns],
-            read_theta=np.ascontiguousarray(read_theta[:, self.columns]),
+            read_x=np.take(read_x, self.columns, axis=1),
+            read_theta=np.take(read_theta, self.columns, axis=1),
             unseen=tuple(hidden),
-            step_unseen=step_v[:, :, len(places) :],
-            read_unseen=(read_v[:, :, len(places) :] * gains[None, :, None])[:, self.columns],
+            step_unseen=step_v[:, :, count:],
+            read_unseen=np.take(read_v[:, :, count:], self.columns, axis=1),
             surface_noise=self._surface_noise(k, flat, thrust, over, seen, ahead),
             memory=memory,
             unread=never.sum(axis=0)[self.columns],
@@ -311,40 +312,35 @@ class FilteredFlight:
     def system(self, k: int, one: LinearisedRecord, turbulence: Turbulence) -> System:
         """The linear system of a record in these gusts."""
         record, path, nf, axes = self.records[k], self.paths[k], self.free[k].size, self.axes[k]
-        n, m = one.left.shape
+        n = one.left.shape[0]
         speed = float(np.mean(np.linalg.norm(path.before[:, :3], axis=1)))
         gusts = gust_system(turbulence, axes.tolist(), speed, record.interval_s)
-        nx = nf + gusts.transition.shape[0]
-        transition, observe = np.zeros((n - 1, nx, nx)), np.zeros((n, m, nx))
-        # Over a step acts the mean of the gusts at both its ends, so what is new in the second acts at once, half.
-        felt = 0.5 * one.step_x[:, :, nf:] @ gusts.output
-        transition[:, :nf, :nf] = one.step_x[:, :, :nf]
-        transition[:, :nf, nf:] = felt + felt @ gusts.transition
-        transition[:, nf:, nf:] = gusts.transition
-        observe[:, :, :nf] = one.read_x[:, :, :nf]
-        observe[:, :, nf:] = one.read_x[:, :, nf:] @ gusts.output
-        entry = np.concatenate((felt, np.broadcast_to(np.eye(nx - nf), (n - 1, nx - nf, nx - nf))), axis=1)
-        p_start = np.zeros((nx, nx))
-        p_start[nf:, nf:] = gusts.stationary
+        moving = nf + gusts.transition.shape[0]
+        remembering = moving + len(one.unseen)
+        more = len(one.unseen) + (one.memory.columns.size if one.memory is not None else 0)
+        nx = moving + more
+        transition, process, observe = motion_and_gusts(
+            one.step_x, one.read_x, one.surface_noise, gusts.transition, gusts.process, gusts.output, more
+        )
+        p_start, output = np.zeros((nx, nx)), np.zeros((axes.size, nx - nf))
+        p_start[nf:moving, nf:moving] = gusts.stationary
         p_start[np.arange(nf), np.arange(nf)] = _START[self.free[k]] ** 2
+        output[:, : moving - nf] = gusts.output
         jump, drift = np.zeros((n, nx)), np.zeros((n - 1, nx))
         jump[:, :nf] = apart(path.after, path.before)[:, self.free[k]]
         # Gusts are whole here, not deviations: what the path assumed of them comes off again.
         drift[:, :nf] = one.drift - np.einsum("kia,ka->ki", one.step_x[:, :, nf:], path.gust_over[:, axes])
         left = one.left + np.einsum("kja,ka->kj", one.read_x[:, :, nf:], path.gust_before[:, axes])
-        process = entry @ gusts.process @ entry.transpose(0, 2, 1)
-        process[:, :nf, :nf] += one.surface_noise @ one.surface_noise.transpose(0, 2, 1)
-        system = System(transition, drift, left, observe, jump, process, p_start, gusts.output)
+        system = System(transition, drift, left, observe, jump, process, p_start, output)
         for i, state in enumerate(one.unseen):
-            system = with_unseen(system, state, one.step_unseen[:, :, i], one.read_unseen[:, :, i])
-        begin = path.begin_deviation[self.free[k]]
-        rest = np.zeros(0)
+            fill_unseen(system, moving + i, state, one.step_unseen[:, :, i], one.read_unseen[:, :, i])
+        begun = np.zeros(nx)
+        begun[:nf] = path.begin_deviation[self.free[k]]
         if one.memory is not None:
             # Sensors that remember are at rest there too.
-            rest = one.memory.held * (one.memory.slopes[0, :, :nf] @ begin)
-            system = with_memory(system, one.memory, nf, path.gust_after[:, axes])
-        middle = np.zeros(system.drift.shape[1] - nf - rest.size)
-        return _begun_at(system, np.concatenate((begin, middle, rest)))
+            begun[remembering:] = one.memory.held * (one.memory.slopes[0, :, :nf] @ begun[:nf])
+            fill_memory(system, remembering, one.memory, nf, path.gust_after[:, axes])
+        return _begun_at(system, begun)
 
     def filtered(
         self, linear: Sequence[LinearisedRecord], noise: Array, turbulence: Turbulence, wanted: bool = True

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import linalg
 
 from sysid.arrays import Array
 
@@ -49,17 +48,20 @@ def gust_system(turbulence: Turbulence, axes: Sequence[int], airspeed: float, in
     """Filters of the body axes `axes` (0, 1, 2 for u, v, w) at `airspeed` [m/s], one step being `interval_s`."""
     step = interval_s * airspeed / turbulence.length
     decay = float(np.exp(-step))
-    blocks, stationary, rows = [], [], []
-    for axis in axes:
+    # Block by block: a small matrix that scipy puts together takes longer than a sample's filter.
+    size = sum(1 if axis == 0 else 2 for axis in axes)
+    transition, covariance, output = np.zeros((size, size)), np.zeros((size, size)), np.zeros((len(axes), size))
+    place = 0
+    for row, axis in enumerate(axes):
         sigma = turbulence.vertical if axis == 2 else turbulence.horizontal
         if axis == 0:
-            blocks.append(np.array([[decay]]))
-            stationary.append(sigma**2 * np.eye(1))
-            rows.append(np.eye(1))
+            transition[place, place], covariance[place, place], output[row, place] = decay, sigma**2, 1.0
+            place += 1
         else:
-            blocks.append(decay * np.array([[1.0, 0.0], [step, 1.0]]))
-            stationary.append(sigma**2 * np.array([[0.5, 0.25], [0.25, 0.25]]))
-            rows.append(np.array([[np.sqrt(3.0), 1.0 - np.sqrt(3.0)]]))
-    transition, covariance = linalg.block_diag(*blocks), linalg.block_diag(*stationary)
+            both = slice(place, place + 2)
+            transition[both, both] = decay * np.array([[1.0, 0.0], [step, 1.0]])
+            covariance[both, both] = sigma**2 * np.array([[0.5, 0.25], [0.25, 0.25]])
+            output[row, both] = np.sqrt(3.0), 1.0 - np.sqrt(3.0)
+            place += 2
     process = covariance - transition @ covariance @ transition.T
-    return GustSystem(transition, 0.5 * (process + process.T), covariance, linalg.block_diag(*rows))
+    return GustSystem(transition, 0.5 * (process + process.T), covariance, output)

@@ -12,10 +12,10 @@ from sysid.filter_error.augmented_states import (
     Memory,
     OutputLag,
     System,
+    fill_memory,
+    fill_unseen,
     lags,
     remember,
-    with_memory,
-    with_unseen,
 )
 from sysid.filter_error.delayed_outputs import missing_likelihood
 from sysid.filter_error.kalman import kalman_pass
@@ -48,17 +48,18 @@ def test_the_filter_gives_the_dense_likelihood_of_a_lagging_sensor() -> None:
     first = np.full(n, 2.0)
     spread = shape @ np.diag([0.5**2, *([walk**2] * (n - 1))]) @ shape.T + noise**2 * np.eye(n)
     readings = first + np.linalg.cholesky(spread) @ generator.standard_normal(n)
-    one = np.ones((n - 1, 1, 1))
-    system = System(
-        one, np.zeros((n - 1, 1)), (readings - first)[:, None], lag.new * np.ones((n, 1, 1)), np.zeros((n, 1)),
-        walk**2 * one, np.array([[0.5**2]]), np.zeros((0, 1)),
+    step, read = np.zeros((n - 1, 2, 2)), np.zeros((n, 1, 2))
+    step[:, 0, 0], read[:, :, 0] = 1.0, lag.new
+    whole = System(
+        step, np.zeros((n - 1, 2)), (readings - first)[:, None], read, np.zeros((n, 2)),
+        walk**2 * step, np.zeros((2, 2)), np.zeros((0, 1)),
     )  # fmt: skip
     taken = lag.decay * lag.new + lag.old
     memory = Memory(
         np.array([0]), np.array([lag.decay]), np.array([taken]), np.array([lag.decay + lag.old]),
         np.ones((n, 1, 1)), np.array([start]),
     )  # fmt: skip
-    whole = with_memory(system, memory, 1, np.zeros((n, 0)))
+    fill_memory(whole, 1, memory, 1, np.zeros((n, 0)))
     # A sensor at rest has read what was there: its memory varies with the first value.
     rest = 1.0 - lag.new
     whole.p_start[:] = 0.5**2 * np.outer([1.0, rest], [1.0, rest])
@@ -86,12 +87,14 @@ def test_what_nothing_measures_alone_is_a_coloured_noise_of_the_readings() -> No
     count, decay, start, noise, read = 40, 0.8, 0.7, 0.3, 1.7
     generator = np.random.default_rng(5)
     seen = generator.normal(0.0, 1.0, (count, 1))
-    still = System(
-        np.ones((count - 1, 1, 1)), np.zeros((count - 1, 1)), seen, np.ones((count, 1, 1)), np.zeros((count, 1)),
-        np.zeros((count - 1, 1, 1)), np.array([[0.5]]), np.zeros((3, 0)),
+    step, of_reading = np.zeros((count - 1, 2, 2)), np.zeros((count, 1, 2))
+    step[:, 0, 0], of_reading[:, :, 0] = 1.0, 1.0
+    system = System(
+        step, np.zeros((count - 1, 2)), seen, of_reading, np.zeros((count, 2)),
+        np.zeros((count - 1, 2, 2)), np.diag([0.5, 0.0]), np.zeros((3, 1)),
     )  # fmt: skip
     hidden = HiddenInput(0, np.ones(count), decay, (1.0 - decay**2) * start, start)
-    system = with_unseen(still, hidden, np.zeros((count - 1, 1)), np.full((count, 1), read))
+    fill_unseen(system, 1, hidden, np.zeros((count - 1, 1)), np.full((count, 1), read))
     nothing = np.zeros((count - 1, 2, 0)), np.zeros((count, 1, 0))
     found = kalman_pass(
         system.transition, system.drift, nothing[0], system.left, system.observe, nothing[1], system.jump,
