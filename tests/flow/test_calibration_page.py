@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import statsmodels.api as sm
 from doc_commands import blocks
 from numpy.typing import NDArray
 
@@ -67,6 +66,8 @@ def test_the_curve_is_the_hidden_one_within_its_standard_error(
 
 
 def test_standard_errors_are_those_of_statsmodels() -> None:
+    import statsmodels.api as sm
+
     for name, form, unit, degree in (("alpha", "linear", "deg", 1), ("thrust", "polynomial:2", "gf", 2)):
         points = read_points(BENCH / f"{name}.csv")
         curve = calibrate(points, form, unit)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-import control
 import numpy as np
 import pytest
 
@@ -100,6 +99,8 @@ def test_every_sensor_takes_the_noise_of_the_vehicle_file() -> None:
 
 
 def test_slopes_of_the_responses_are_those_of_python_control(linear: LinearModel) -> None:
+    import control
+
     frequencies = np.array([0.3, 1.2, 3.0])
     for axis, column in (("elevator", 0), ("rudder", 2)):
         gains, slopes = responses(linear, axis, frequencies)

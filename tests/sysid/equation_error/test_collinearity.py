@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from statsmodels.stats.outliers_influence import variance_inflation_factor
 
 from sysid.equation_error.collinearity import collinearity, correlated_pairs
 from sysid.errors import EstimationError
@@ -27,6 +26,8 @@ def test_two_columns_have_the_closed_forms(correlation):
 
 
 def test_inflation_is_that_of_statsmodels():
+    from statsmodels.stats.outliers_influence import variance_inflation_factor
+
     rng = np.random.default_rng(2)
     X = np.column_stack([np.ones(300), rng.standard_normal((300, 3)) @ rng.standard_normal((3, 3)) + 5.0])
     found = collinearity(X, ["0", "a", "b", "c"], constant=0)

@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-import statsmodels.api as sm
-from statsmodels.stats.outliers_influence import variance_inflation_factor
 
 from sysid.equation_error.least_squares import gram_regress, regress
 from sysid.errors import EstimationError
@@ -18,6 +16,9 @@ def problem(n=400, seed=0):
 
 
 def test_white_residuals_agree_with_statsmodels():
+    import statsmodels.api as sm
+    from statsmodels.stats.outliers_influence import variance_inflation_factor
+
     rng, X, truth = problem()
     y = truth + 0.1 * rng.standard_normal(truth.size)
     ours, theirs = regress(y, X, ["0", "a", "q", "de"]), sm.OLS(y, X).fit()
@@ -30,6 +31,8 @@ def test_white_residuals_agree_with_statsmodels():
 
 
 def test_gram_agrees_with_statsmodels_and_falls_back_when_ill_conditioned():
+    import statsmodels.api as sm
+
     rng, X, truth = problem(5000)
     y = truth + 0.1 * rng.standard_normal(truth.size)
     values, covariance, variance = gram_regress(y, X)
@@ -110,6 +113,8 @@ def prior_of(std, mean=(0.2, 2.5, -0.6, 1.5)):
 
 def test_a_prior_counts_as_further_observations():
     """Theil & Goldberger: statsmodels' GLS of the flight and the prior's values, the noise being known."""
+    import statsmodels.api as sm
+
     rng, X, truth = problem()
     y = truth + 0.1 * rng.standard_normal(truth.size)
     prior = prior_of([0.01, 0.02, 0.5, 0.01], (0.21, 2.48, 0.0, 1.52))

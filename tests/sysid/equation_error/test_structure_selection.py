@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-import statsmodels.api as sm
-from statsmodels.stats.anova import anova_lm
 
 from sysid.equation_error.coefficient_tables import tables
 from sysid.equation_error.least_squares import regress
@@ -80,6 +78,8 @@ def test_a_weak_control_beside_a_strong_slope_is_found_in_coloured_residuals():
 
 
 def test_the_test_of_a_term_is_that_of_statsmodels_for_white_residuals():
+    import statsmodels.api as sm
+
     X, y = flight(3)
     theirs = sm.OLS(y, X[:, [0, 1, 6, 2]]).fit()
     test = trial(y, X[:, [0, 1, 6]], ["CL_0", "CL_alpha", "CL_de"], X[:, 2], "CL_alpha2", [N], 1.0)
@@ -106,6 +106,9 @@ def test_nothing_to_find_is_said():
 
 
 def test_what_orthogonal_functions_explain_is_the_sequential_sum_of_squares():
+    import statsmodels.api as sm
+    from statsmodels.stats.anova import anova_lm
+
     X, y = flight(2)
     order, explained = ranked(y, X)
     assert order[0] == 0
@@ -126,6 +129,8 @@ def test_orthogonal_functions_find_a_model_that_predicts_another_flight(criterio
 
 
 def test_the_criterion_is_the_predicted_square_error():
+    import statsmodels.api as sm
+
     X, y = flight(6)
     found = orthogonal_model(y, X, NAMES)
     residual = sm.OLS(y, X[:, [NAMES.index(name) for name in found.order[:3]]]).fit().resid

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import statsmodels.api as sm
 from held_response import BODY, DENSITY, SPEED, STEP_S, multisine, rolling
 
 from sim_vehicle.model.aerodynamic_terms import parse_term
@@ -38,6 +37,8 @@ def test_two_surfaces_and_their_product_bend_the_rate_too():
 
 def test_weights_reach_the_gauss_markov_bound_where_airspeed_varies():
     """Constant noise of az means noise of CL that goes with 1/V^2; the bound is that of statsmodels' WLS."""
+    import statsmodels.api as sm
+
     rng = np.random.default_rng(3)
     count = 1500
     speed = np.linspace(10.0, 26.0, count)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-import control
 import numpy as np
 import pytest
 
@@ -50,6 +49,8 @@ def test_moment_derivatives_are_the_textbooks(linear: LinearModel) -> None:
 
 
 def test_a_small_doublet_of_the_simulation_is_the_linear_response(linear: LinearModel) -> None:
+    import control
+
     vehicle = replace(VEHICLE, environment=replace(VEHICLE.environment, air_density=DENSITY))
     without_lag = replace(MODEL, effects=tuple(e for e in MODEL.effects if not e.name.startswith("actuator")))
     plant = Plant(vehicle, without_lag, max_step=0.001)
@@ -77,6 +78,8 @@ def test_a_small_doublet_of_the_simulation_is_the_linear_response(linear: Linear
 
 
 def test_frequency_responses_and_modes_are_those_of_python_control(linear: LinearModel) -> None:
+    import control
+
     system = linear.system
     theirs = control.ss(system.A, system.B, system.C, system.D, inputs=INPUTS, outputs=OUTPUTS, states=STATES)
     frequencies = np.geomspace(0.05, 10.0, 20)

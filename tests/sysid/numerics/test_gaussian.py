@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import statsmodels.api as sm
 from simulated import fly_mav
 
 from sim_vehicle.model.model_file import Coefficient, Correlation, Model, model_from_json, read_model
@@ -27,6 +26,8 @@ TRUE = read_model("iitb-mav").values()
 
 def least_squares(X, y):
     """Estimate and covariance for unit noise, by statsmodels."""
+    import statsmodels.api as sm
+
     fitted = sm.GLS(y, X).fit()
     return fitted.params, fitted.normalized_cov_params
 

@@ -2,10 +2,7 @@
 
 from pathlib import Path
 
-import h5py
 import numpy as np
-import pandas
-import polars
 import pytest
 from scipy.io import savemat
 
@@ -30,11 +27,15 @@ def check(found: dict[str, np.ndarray]) -> None:
 
 
 def test_csv_of_pandas(tmp_path: Path) -> None:
+    import pandas
+
     pandas.DataFrame(COLUMNS).to_csv(tmp_path / "a.csv", index=False)
     check(signals(tmp_path / "a.csv"))
 
 
 def test_parquet_of_polars(tmp_path: Path) -> None:
+    import polars
+
     polars.DataFrame(COLUMNS).write_parquet(tmp_path / "a.parquet")
     check(signals(tmp_path / "a.parquet"))
 
@@ -50,6 +51,8 @@ def test_csv_with_remarks_a_row_of_units_semicolons_and_words(tmp_path: Path) ->
 
 
 def test_a_row_that_is_cut_off_is_left_out_and_said(tmp_path: Path) -> None:
+    import pandas
+
     pandas.DataFrame(COLUMNS).to_csv(tmp_path / "a.csv", index=False)
     whole = (tmp_path / "a.csv").read_text()
     rows = whole.count("\n") - 1
@@ -79,6 +82,8 @@ def test_data_txt_of_x_plane(tmp_path: Path) -> None:
 
 
 def test_moments_in_utc_are_a_time(tmp_path: Path) -> None:
+    import pandas
+
     frame = pandas.DataFrame(
         {**COLUMNS, "time_s": pandas.Timestamp("2026-05-01T10:00:00") + pandas.to_timedelta(T, "s")}
     )
@@ -94,6 +99,8 @@ def test_mat_of_scipy_with_a_structure(tmp_path: Path) -> None:
 
 
 def test_mat_of_version_7_3(tmp_path: Path) -> None:
+    import h5py
+
     with h5py.File(tmp_path / "a.mat", "w", userblock_size=512) as file:
         for name, values in COLUMNS.items():
             file.create_dataset(f"log/{name}", data=values[None, :])  # MATLAB's columns come as rows
@@ -171,6 +178,8 @@ def test_a_file_that_is_not_there_is_said(tmp_path: Path) -> None:
 
 
 def test_a_mat_of_version_7_3_reads_no_other_file(tmp_path: Path) -> None:
+    import h5py
+
     secret, path = tmp_path / "secret.txt", tmp_path / "a.mat"
     secret.write_bytes(b"TOKEN=abcdefgh" * 100)
     with h5py.File(path, "w", userblock_size=512) as file:
@@ -186,6 +195,8 @@ def test_a_mat_of_version_7_3_reads_no_other_file(tmp_path: Path) -> None:
 
 
 def test_moments_in_whole_nanoseconds(tmp_path: Path) -> None:
+    import pandas
+
     ns = 1_780_000_000_000_000_000 + 20_000_000 * np.arange(100)
     pandas.DataFrame({"timestamp": ns, "q_deg_s": np.cos(T)}).to_csv(tmp_path / "a.csv", index=False)
     table = read_table(tmp_path / "a.csv")

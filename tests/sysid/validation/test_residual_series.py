@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 from simulated import fly_mav
-from statsmodels.tsa.stattools import acf
 
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.identification.result_file import result_json
@@ -63,6 +62,8 @@ def test_numbers_have_five_digits() -> None:
 
 
 def test_the_autocorrelation_is_that_of_statsmodels() -> None:
+    from statsmodels.tsa.stattools import acf
+
     values = first_order(3000, 0.8, 1) + 5.0
     found = output_residuals([run_with(values, "q")], 0.02)
     assert list(found) == ["q"]
