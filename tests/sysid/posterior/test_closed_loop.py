@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
-from field_flight import field_flight
+from field_flight import FieldFlight, field_flight
 from simulated import fly_mav
 
 from sim_vehicle.model.model_file import read_model
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
-from sysid.identification.identify import identify
+from sysid.identification.identify import Identification, identify
 from sysid.posterior.closed_loop import external, feedback_share, is_law, most_answered
 from sysid.posterior.inputs import InputSignal
 from sysid.posterior.observations import common_grid
@@ -58,10 +56,18 @@ def test_commands_know_nothing_of_gusts_to_come() -> None:
     assert feedback_share(InputSignal(GRID.points, early, "joined"), fast, GRID) < 0.1
 
 
+@pytest.fixture(scope="module")
+def answered(tmp_path_factory: pytest.TempPathFactory) -> tuple[FieldFlight, Identification]:
+    """A flight whose autopilot answers every gust, and what is identified of it."""
+    flight = field_flight("closed-loop", 1, tmp_path_factory.mktemp("closed-loop"))
+    return flight, identify([flight.signals], flight.vehicle, method="map")
+
+
 @pytest.mark.whole_flight
-def test_what_an_autopilot_hides_is_said_and_nothing_is_confidently_wrong(tmp_path: Path) -> None:
-    flight = field_flight("closed-loop", 1, tmp_path)
-    found = identify([flight.signals], flight.vehicle, method="map")
+def test_what_an_autopilot_hides_is_said_and_nothing_is_confidently_wrong(
+    answered: tuple[FieldFlight, Identification],
+) -> None:
+    flight, found = answered
     assert any("autopilot or pilot in the loop" in warning for warning in found.warnings)
     for name in flight.excited:
         entry, (low, high) = found.model.coefficients[name], flight.truth[name]
@@ -84,9 +90,8 @@ def test_a_damper_is_a_law_of_the_motion_and_a_test_input_is_none() -> None:
 
 
 @pytest.mark.whole_flight
-def test_pitch_is_told_though_an_autopilot_answers_every_gust(tmp_path: Path) -> None:
-    flight = field_flight("closed-loop", 1, tmp_path)
-    found = identify([flight.signals], flight.vehicle, method="map")
+def test_pitch_is_told_though_an_autopilot_answers_every_gust(answered: tuple[FieldFlight, Identification]) -> None:
+    flight, found = answered
     for name in ("CL_alpha", "Cm_alpha", "Cm_q", "Cm_de"):
         entry, (low, high) = found.model.coefficients[name], flight.truth[name]
         assert entry.value is not None
