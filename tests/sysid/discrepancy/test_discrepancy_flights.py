@@ -17,7 +17,7 @@ pytestmark = pytest.mark.whole_flight
 
 def test_lagging_vanes_are_named_where_another_flight_has_none() -> None:
     vehicle = load_vehicle("iitb-mav")
-    flown = [fly_mav("multisine", seed, duration=10.0, effects=("vane_lag:tau=0.1",))[0] for seed in (5, 6)]
+    flown = [fly_mav("multisine", seed, duration=7.0, effects=("vane_lag:tau=0.1",))[0] for seed in (5, 6)]
     kept = {name: signal for name, signal in flown[1].signals.items() if name not in ("alpha", "beta")}
     found = discrepancy([flown[0], replace(flown[1], signals=kept)], vehicle, read_model("iitb-mav"))
     assert [one["name"] for one in found["effects"]] == ["vane_lag"], found["reasons"]
@@ -28,7 +28,7 @@ def test_lagging_vanes_are_named_where_another_flight_has_none() -> None:
 
 def test_what_weighing_has_cleared_is_no_alternative() -> None:
     vehicle = load_vehicle("iitb-mav")
-    flight = fly_mav("multisine", 8, duration=12.0, effects=("thrust_scale:scale=0.06",))[0]
+    flight = fly_mav("multisine", 8, duration=8.0, effects=("thrust_scale:scale=0.06",))[0]
     together = discrepancy([flight], vehicle, read_model("iitb-mav"))
     (named,) = together["effects"]
     assert {named["name"], *(one["name"] for one in named["alternatives"])} == {"thrust_scale", "mass_error"}

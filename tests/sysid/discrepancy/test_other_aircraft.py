@@ -24,7 +24,7 @@ pytestmark = pytest.mark.whole_flight
 )
 def test_it_is_named_alone_and_within_its_bars(name: str, tmp_path: Path) -> None:
     effect = hidden(name, 1.0, drawn_aircraft(1))
-    signals, _ = measure(fly(tmp_path, effect.flown, 1000, 20.0), 1000, name)
+    signals, _ = measure(fly(tmp_path, effect.flown, 1000, 14.0), 1000, name)
     found = discrepancy([signals], effect.vehicle, effect.baseline(1000, 0.05))
     assert found["verdict"] == "missing_effect"
     (named,) = found["effects"]

@@ -30,7 +30,7 @@ OF_BAYES = {"map": 0.25, "oe": 0.1, "fe": 0.1}
 
 @pytest.fixture(scope="module")
 def flights() -> tuple[FlightSignals, ...]:
-    return tuple(fly_mav("multisine", seed)[0] for seed in SEEDS)
+    return tuple(fly_mav("multisine", seed, duration=12.0)[0] for seed in SEEDS)
 
 
 @pytest.fixture(scope="module", params=METHODS)
