@@ -36,6 +36,7 @@ _LEFT_TAIL, _RIGHT_TAIL = {"elevator": 0.5, "rudder": 0.5}, {"elevator": 0.5, "r
 # What a servo's demand is of the demands to pitch up, roll right and yaw right. ArduPilot: by SERVOn_FUNCTION.
 _ARDUPILOT: Mapping[int, Mix] = {
     4: {"aileron": 1.0}, 19: {"elevator": 1.0}, 21: {"rudder": 1.0}, 70: {"throttle": 1.0},
+    24: {"aileron": 1.0}, 25: {"aileron": 1.0}, 73: {"throttle": 1.0}, 74: {"throttle": 1.0},
     77: _LEFT_ELEVON, 78: _RIGHT_ELEVON, 79: _LEFT_TAIL, 80: _RIGHT_TAIL,
 }  # fmt: skip
 # PX4: by CA_SV_CSn_TYPE, surfaces going up and to the right.
@@ -44,6 +45,13 @@ _PX4: Mapping[int, Mix] = {
     5: _LEFT_ELEVON, 6: _RIGHT_ELEVON, 7: _LEFT_TAIL, 8: _RIGHT_TAIL, 15: {"aileron": 1.0},
 }  # fmt: skip
 _PX4_MOTOR, _PX4_SURFACE = 101, 201
+# What else ArduPilot moves that changes the forces on an aircraft.
+_NO_CONTROL = {
+    **{2: "a flap", 3: "an automatic flap", 110: "an airbrake"},
+    **dict.fromkeys((16, 17, 86, 87), "a differential spoiler"),
+    **dict.fromkeys((41, 45, 46, 47, 75, 76), "a motor's tilt"),
+    **{number: f"motor {number - 32}" for number in range(33, 41)},
+}
 # Messages whose rates and forces ArduPilot's low pass has gone through, as those of its log "IMU" have; by how much
 # sensors' own filters differ, s.
 _FILTERED, _FILTER_STD_S = ("HIGHRES_IMU", "SCALED_IMU", "RAW_IMU"), 0.002
@@ -187,6 +195,14 @@ def filled(vehicle: Vehicle, parameters: Mapping[str, float], messages: Collecti
             f" left positive, and their derivatives are known to {100.0 * USUAL_TRAVEL_STD:.0f} %; measure it and write"
             " it to [controls]"
         )
+    moving = {servo for control in controls.values() for servo in control.servos}
+    for servo in _SERVOS:
+        function = int(parameters.get(f"SERVO{servo}_FUNCTION", 0))
+        if function in _NO_CONTROL and servo not in moving:
+            warnings.append(
+                f"servo {servo} is {_NO_CONTROL[function]} by the log's parameters (SERVO{servo}_FUNCTION ="
+                f" {function}), which is no control of the model: what it does goes into the other coefficients"
+            )
     moved: dict[str, Any] = {}
     for sensor, names in _POSITIONS.items():
         place = _position(parameters, names)
@@ -234,8 +250,6 @@ def _controls(parameters: Mapping[str, float]) -> dict[str, Control]:
     for name, entries in servos.items():
         if not entries:
             continue
-        if name == "throttle":
-            entries = entries[:1]
         pwm = tuple(
             curves[servo] if name != "throttle" else curves[servo][:: len(curves[servo]) - 1] for servo, _ in entries
         )

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs.flights.signals import IMPORT_WARNING
 from gcs.importers import messages as make
 from gcs.importers.dataflash import DESCRIPTIONS, DataflashLog, Table, boots, read_dataflash
 from gcs.importers.synthesis import (
@@ -39,6 +40,8 @@ _PRIMARY_FIELDS = ("Pri", "Primary")
 
 _GPS_EPOCH_S = 315_964_800
 _WEEK_S = 604_800
+
+Values = NDArray[np.float64]
 #: GPS less UTC, s, from each UTC second on (IERS Bulletin C).
 _LEAP_SECONDS = ((1_483_228_800, 18), (1_435_708_800, 17), (1_341_100_800, 16), (1_230_768_000, 15), (0, 14))
 
@@ -145,7 +148,6 @@ class _Mapping:
 
     def _imu(self) -> list[Series]:
         parts: list[tuple[int, Table]] = []
-        series = []
         for name, number in (("IMU", 0), ("IMU2", 1), ("IMU3", 2)):
             table = self._table(name, "GyrX", "GyrY", "GyrZ", "AccX", "AccY", "AccZ")
             if table is None:
@@ -154,12 +156,42 @@ class _Mapping:
             parts += [(instance, table.only(instances == instance)) for instance in np.unique(instances).tolist()]
         if parts and parts[0][0] > 0:
             self._notes["imu"] = f"instance {parts[0][0]} is the first that was logged, and given as 0"
+        series = []
         for instance, (_, part) in enumerate(parts):
             given = {f"{axis.lower()}acc": part.values(f"Acc{axis}") for axis in "XYZ"}
             given |= {f"{axis.lower()}gyro": part.values(f"Gyr{axis}") for axis in "XYZ"}
+            if instance == 0:
+                given |= self._healthy(given, parts)
             bits = make.ACCELERATION | make.ROTATION
             series.append(make.highres_imu(part.time_us, bits, int(instance), **given))
         return series
+
+    def _healthy(self, given: dict[str, Values], parts: list[tuple[int, Table]]) -> dict[str, Values]:
+        """What of the first unit's readings its autopilot called unhealthy, by another unit that was healthy then."""
+        (number, first), *others = parts
+        found = dict(given)
+        for sensor, flag, name in (("Gyr", "GH", "gyroscope"), ("Acc", "AH", "accelerometer")):
+            bad = first.values(flag) == 0.0
+            if not bad.any():
+                continue
+            begin, count, left = first.time_us[bad][0], int(bad.sum()), bad.copy()
+            used = []
+            for other, table in others:
+                good = table.only(table.values(flag) != 0.0)
+                near = left & _is_near(first.time_us, good.time_us)
+                if near.any():
+                    used.append(str(other))
+                for axis in "XYZ" if near.any() else "":
+                    key = f"{axis.lower()}{sensor.lower()}".replace("gyr", "gyro")
+                    found[key] = found[key].copy()
+                    found[key][near] = np.interp(first.time_us[near], good.time_us, good.values(f"{sensor}{axis}"))
+                left &= ~near
+            instead = f"{name} {' and '.join(used)} stands there" if used else "no other was healthy: taken as it is"
+            self._notes[f"{IMPORT_WARNING}{name}"] = (
+                f"{name} {number} was unhealthy by its own flag (IMU.{flag} = 0) in {count} of {len(first)} samples,"
+                f" from {(begin - first.time_us[0]) / 1e6:.1f} s on: {instead}"
+            )
+        return found
 
     def _magnetometer(self) -> list[Series]:
         table = self._first("MAG", "MagX", "MagY", "MagZ")
@@ -233,10 +265,13 @@ class _Mapping:
     def _gps_time(self) -> tuple[Ints, Ints]:
         """Times in us at which the GPS knew UTC, and that UTC in us."""
         table = self._tables.get("GPS")
-        if table is None or any(field not in table for field in ("Status", "GWk", "GMS")):
+        week, milliseconds = next(
+            (pair for pair in (("GWk", "GMS"), ("Week", "TimeMS")) if table is not None and pair[0] in table), ("", "")
+        )
+        if table is None or any(field not in table for field in ("Status", week, milliseconds)):
             return np.empty(0, np.int64), np.empty(0, np.int64)
-        known = table.only((table.rows["Status"] >= FIX_3D) & (table.rows["GWk"] > 0))
-        return known.time_us, _utc_us(whole(known.values("GWk"), "uint16"), whole(known.values("GMS"), "uint32"))
+        known = table.only((table.rows["Status"] >= FIX_3D) & (table.rows[week] > 0))
+        return known.time_us, _utc_us(whole(known.values(week), "uint16"), whole(known.values(milliseconds), "uint32"))
 
     def _utc_offset(self) -> int | None:
         return utc_offset(*self._gps_time())
@@ -335,6 +370,16 @@ def _most_used(table: Table, number: Ints) -> int:
     elif table.name == "GPS" and "U" in table:
         votes = number[table.values("U") == 1.0]
     return int(np.bincount(votes).argmax() if votes.size else number.min())
+
+
+def _is_near(time_us: Ints, known_us: Ints) -> NDArray[np.bool_]:
+    """(N,) whether another sensor's readings lie about a moment, none of them further than two of its intervals."""
+    if known_us.size < 2:
+        return np.zeros(time_us.size, bool)
+    reach = 2 * int(np.median(np.diff(known_us)))
+    place = np.clip(np.searchsorted(known_us, time_us), 1, known_us.size - 1)
+    away = np.minimum(np.abs(known_us[place] - time_us), np.abs(time_us - known_us[place - 1]))
+    return np.asarray(away <= reach)
 
 
 def _channels(table: Table) -> list[NDArray[np.float64]]:

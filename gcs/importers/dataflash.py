@@ -24,6 +24,8 @@ from sim_vehicle.jit import jit
 FMT_TYPE, FMT_LENGTH = 0x80, 89
 #: Messages that describe others.
 DESCRIPTIONS = frozenset({"FMT", "FMTU", "UNIT", "MULT"})
+# What old logs hold without a time: parameters and texts.
+_LISTS = ("PARM", "MSG")
 _HEAD = 3
 # The clock begins anew where this many messages on both sides agree that it went back by more than messages overtake
 # one another; fewer are damaged stamps.
@@ -72,13 +74,14 @@ def _find_messages(data: Bytes, lengths: Ints, offset: Ints, kind: Bytes) -> tup
 @dataclass(frozen=True)
 class Table:
     """All N messages of one type: (N,) structured, in the order of the file, each field's factor, and (N,) places in
-    the file.
+    the file. given_us: (N,) times of messages that carry none.
     """
 
     name: str
     rows: NDArray[Any]
     factors: Mapping[str, float]
     places: Ints
+    given_us: Ints | None = None
 
     def __len__(self) -> int:
         return int(self.rows.size)
@@ -88,13 +91,25 @@ class Table:
 
     @property
     def is_timed(self) -> bool:
-        """Whether its messages carry the time since boot."""
-        return "TimeUS" in self and self.rows.dtype["TimeUS"].kind in "iu"
+        """Whether the time since boot of its messages is known."""
+        return self.given_us is not None or self._clock is not None
+
+    @property
+    def _clock(self) -> tuple[str, int] | None:
+        """The field of the time since boot, and its unit in us.
+
+        Before ArduPilot 3.3 that was TimeMS; a GPS had that of its own week there, and the time since boot in T.
+        """
+        clocks = (("TimeUS", 1), ("T", 1000) if "Week" in self else ("TimeMS", 1000))
+        return next((one for one in clocks if one[0] in self and self.rows.dtype[one[0]].kind in "iu"), None)
 
     @cached_property
     def time_us(self) -> Ints:
         """(N,) time since boot."""
-        return self.rows["TimeUS"].astype(np.int64)
+        if self.given_us is not None:
+            return self.given_us
+        name, unit = self._clock or ("TimeUS", 1)
+        return self.rows[name].astype(np.int64) * unit
 
     def values(self, *names: str) -> NDArray[np.float64]:
         """(N,) the first of these fields that there is, its factor applied; NaN where the log has none of them."""
@@ -112,7 +127,8 @@ class Table:
 
     def only(self, keep: NDArray[np.bool_]) -> Table:
         """The messages chosen by a mask."""
-        return Table(self.name, self.rows[keep], self.factors, self.places[keep])
+        given = None if self.given_us is None else self.given_us[keep]
+        return Table(self.name, self.rows[keep], self.factors, self.places[keep], given)
 
 
 @dataclass(frozen=True)
@@ -179,7 +195,20 @@ def read_dataflash(path: Path) -> DataflashLog:
             unreadable.append(name)
         else:
             tables[name] = table
-    return DataflashLog(tables, int(skipped), int(unfinished), tuple(sorted(unreadable)))
+    return DataflashLog(_timed(tables), int(skipped), int(unfinished), tuple(sorted(unreadable)))
+
+
+def _timed(tables: dict[str, Table]) -> dict[str, Table]:
+    """The tables with parameters and texts that carry no time, as in old logs, at that of the message before them."""
+    known = [table for table in tables.values() if table.is_timed]
+    late = [name for name in _LISTS if name in tables and not tables[name].is_timed]
+    if not known or not late:
+        return tables
+    places = np.concatenate([table.places for table in known])
+    order = np.argsort(places)
+    places, times = places[order], np.concatenate([table.time_us for table in known])[order]
+    before = {name: np.searchsorted(places, tables[name].places) - 1 for name in late}
+    return {**tables, **{name: replace(tables[name], given_us=times[np.maximum(at, 0)]) for name, at in before.items()}}
 
 
 def _formats(data: Bytes, places: Ints) -> dict[int, tuple[str, int, str, list[str]]]:

@@ -17,7 +17,9 @@ from numpy.typing import NDArray
 
 from gcs.errors import ImportFileError
 from gcs.flights.signal_sources import TABLE_SIGNALS
+from gcs.flights.signals import IMPORT_WARNING
 from gcs.importers import messages as make
+from gcs.importers.damaged_bag import as_far_as_it_goes
 from gcs.importers.synthesis import ImportedLog, Ints, Progress, Series, write_recording
 from gcs.importers.table import FIRST_US, row_series
 from sysid.errors import TableError
@@ -55,7 +57,8 @@ def import_ros(
         named = {*wanted, *(header for header in wanted.values() if isinstance(header, str))}
         if strange := [key for key in units if key not in named] if isinstance(units, dict) else []:
             raise TableError(f"units: {strange[0]!r} is none of the columns that are named")
-        bag = _Bag(source, called, wanted, units)
+        with as_far_as_it_goes(source) as (whole, missing):
+            bag = _Bag(whole, called, wanted, units)
     except TableError as error:
         raise ImportFileError(f"{called}: {error}") from None
     if not bag.signals.keys() & set(TABLE_SIGNALS):
@@ -69,7 +72,7 @@ def import_ros(
     series = row_series(FlightSignals(called, moved))
     series += [_positions(time_s - start, values) for time_s, values in bag.fixes]
     notes = {"note": NOTE, "columns": "; ".join(f"{key}: {one.source}" for key, one in bag.signals.items()),
-             "unused": ", ".join(bag.unused)}  # fmt: skip
+             "unused": ", ".join(bag.unused), **({f"{IMPORT_WARNING}bag": missing} if missing else {})}  # fmt: skip
     utc = round(1e6 * start) - FIRST_US if start > 1e9 else None
     write_recording(ImportedLog(FORMAT, 1, series, utc, notes), source, target, progress, called)
 

@@ -31,6 +31,7 @@ ARMED = 2  # vehicle_status.arming_state
 FIX_3D = 3
 LARGEST_SERVO_COUNT = 16
 NO_LEVEL = 6
+_FORCES, _RATES = ("xacc", "yacc", "zacc"), ("xgyro", "ygyro", "zgyro")
 _SENSORS = range(1, 4)  # selected_airspeed_index of a sensor; others are estimates
 _SLOWEST_SPEED = 5.0  # m/s, below which the ratio of two airspeeds is mostly noise
 _EARLIEST_UTC_US = 946_684_800_000_000  # the year 2000; a receiver without a fix may say 1980
@@ -135,11 +136,20 @@ class _Mapping:
 
     def _imu(self) -> list[Series]:
         topic = self._topic("sensor_combined", "gyro_rad[0]", "accelerometer_m_s2[0]")
-        if topic is None:
-            return []
-        given = dict(zip(("xacc", "yacc", "zacc"), topic.vector("accelerometer_m_s2", 3), strict=True))
-        given |= dict(zip(("xgyro", "ygyro", "zgyro"), topic.vector("gyro_rad", 3), strict=True))
-        return [make.highres_imu(topic.time_us, make.ACCELERATION | make.ROTATION, 0, **given)]
+        if topic is not None:
+            given = dict(zip(_FORCES, topic.vector("accelerometer_m_s2", 3), strict=True))
+            given |= dict(zip(_RATES, topic.vector("gyro_rad", 3), strict=True))
+            return [make.highres_imu(topic.time_us, make.ACCELERATION | make.ROTATION, 0, **given)]
+        # Logs without it have what its filters made of the same sensors.
+        series = []
+        for name, bits, fields in (
+            ("vehicle_acceleration", make.ACCELERATION, _FORCES), ("vehicle_angular_velocity", make.ROTATION, _RATES),
+        ):  # fmt: skip
+            topic = self._topic(name, "xyz[0]")
+            if topic is not None:
+                given = dict(zip(fields, topic.vector("xyz", 3), strict=True))
+                series.append(make.highres_imu(topic.time_us, bits, 0, **given))
+        return series
 
     def _magnetometer(self) -> list[Series]:
         topic = self._topic("vehicle_magnetometer", "magnetometer_ga[0]")

@@ -163,7 +163,7 @@ class Container:
         else:
             self._read_without_summary()
         self.chunks = sorted(self.chunks + self._bare, key=lambda chunk: chunk.offset)
-        if self.message_counts is None:
+        if self.message_counts is None or not self.message_counts.keys() <= self.channels.keys():
             self._take_definitions_of_chunks()
         if not self.channels:
             why = "was cut off before its first message"
@@ -299,7 +299,7 @@ class Container:
             self._bare.append(ChunkInfo(start, size, int(times.min()), int(times.max()), "", size, size, bare=True))
 
     def _take_definitions_of_chunks(self) -> None:
-        """Without a summary the schemas and channels are only found inside the chunks."""
+        """Without a summary that repeats them, schemas and channels are only found inside the chunks."""
         for group in self.groups():
             places, _ = _walk_all(group.data)
             for opcode, at, length in places[np.isin(places[:, 0], (Opcode.SCHEMA, Opcode.CHANNEL))].tolist():

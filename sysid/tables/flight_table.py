@@ -210,15 +210,13 @@ def _seconds(name: str, time_s: Array, use: ColumnUse, warnings: list[str]) -> A
     usual = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
     if usual >= _UNLIKELY_STEP_S and use.written == TAKEN_FOR_SECONDS:
         raise TableError(
-            f"{name}: rows are {usual:g} apart by {use.headers[0]!r}, whose unit nobody says: give"
-            " units = {'time': 'ms'}, or 's' where they are seconds"
+            f"{name}: rows are {usual:g} apart by {use.headers[0]!r}, whose unit nobody says: {_units_for(usual)}"
         )
-    if not _SHORTEST_STEP_S <= usual <= _LONGEST_STEP_S:
-        likely = next(
-            (unit for unit, factor in (("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)) if _fits(usual * factor)), ""
+    if not _fits(usual):
+        raise TableError(
+            f"{name}: rows are {usual:g} s apart by {use.headers[0]!r} in {use.written}:"
+            f" {_units_for(usual / use.unit.factor)}"
         )
-        advice = f"give units = {{'time': '{likely}'}}" if likely else "a flight has 0.5 to 10,000 rows a second"
-        raise TableError(f"{name}: rows are {usual:g} s apart by {use.headers[0]!r} in {use.written}: {advice}")
     return time_s
 
 
@@ -242,6 +240,15 @@ def _check_angle(name: str, use: ColumnUse, values: Array) -> None:
 
 def _fits(step_s: float) -> bool:
     return _SHORTEST_STEP_S <= step_s <= _LONGEST_STEP_S
+
+
+def _units_for(step: float) -> str:
+    """What to do about a time whose rows are so far apart: every unit in which that is a flight's."""
+    likely = [unit for unit, factor in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)) if _fits(step * factor)]
+    if not likely:
+        return "a flight has 0.5 to 10,000 rows a second"
+    others = f", or {' or '.join(map(repr, likely[1:]))} where they are that" if likely[1:] else ""
+    return f"give units = {{'time': {likely[0]!r}}}{others}"
 
 
 def _without_repeats(time_s: Array, values: Array) -> tuple[Array, Array]:

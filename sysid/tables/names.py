@@ -122,6 +122,7 @@ USUAL_PAIRS: dict[str, tuple[tuple[str, str], ...]] = {
 # Names that one program alone uses, and the unit that it always means by them: ArduPilot's, MAVLink's and JSBSim's.
 UNIT_OF_NAME: dict[str, str] = {
     **{"timeus": "us", "time_usec": "us"},
+    **{f"{of}rpm": "rpm" for of in ("", "motor_", "engine_", "propeller_")},
     **dict.fromkeys(("att_roll", "att_pitch", "att_yaw", "aoa_aoa", "aoa_ssa"), "deg"),
     **dict.fromkeys(("imu_gyrx", "imu_gyry", "imu_gyrz", "rollspeed", "pitchspeed", "yawspeed"), "rad/s"),
     **dict.fromkeys(("imu_accx", "imu_accy", "imu_accz"), "m/s^2"),

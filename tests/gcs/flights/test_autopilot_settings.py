@@ -57,6 +57,29 @@ def test_servos_of_arduplane_become_controls_with_an_assumed_travel_that_is_said
     )
 
 
+def test_flaperons_are_one_aileron_and_two_motors_one_throttle_each_by_its_own_pulses() -> None:
+    """ArduPilot's flaperons (24, 25) get the ailerons' demand; its left and right motors (73, 74) the throttle's."""
+    craft = filled(
+        bare(), PLANE | {"SERVO1_FUNCTION": 24, "SERVO5_FUNCTION": 25, "SERVO3_FUNCTION": 73, "SERVO6_FUNCTION": 74}
+    )
+    aileron, throttle = craft.controls["aileron"], craft.controls["throttle"]
+    assert (aileron.servos, throttle.servos) == ((1, 5), (3, 6))
+    # Servo 1 is reversed, servo 5 is not, with the travel that is usual: both down by half of it is no roll.
+    assert aileron.deflection_from_pwm(1750.0, 1700.0) == pytest.approx(0.0, abs=1e-9)
+    assert aileron.deflection_from_pwm(2000.0, 1100.0) == pytest.approx(USUAL_TRAVEL)
+    # Told apart, motors are half of the throttle each.
+    assert throttle.deflection_from_pwm(1000.0, 1900.0) == pytest.approx(0.5)
+
+
+def test_what_moves_and_is_no_control_is_named() -> None:
+    craft = filled(bare(), PLANE | {"SERVO5_FUNCTION": 2, "SERVO6_FUNCTION": 33})
+    told = [line for line in craft.warnings if "which is no control of the model" in line]
+    assert [line.split(",")[0] for line in told] == [
+        "servo 5 is a flap by the log's parameters (SERVO5_FUNCTION = 2)",
+        "servo 6 is motor 1 by the log's parameters (SERVO6_FUNCTION = 33)",
+    ]
+
+
 def test_what_the_file_gives_stays() -> None:
     plane = load_vehicle("ultrastick25e")
     assert filled(plane, PLANE).controls == plane.controls

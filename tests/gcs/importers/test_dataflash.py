@@ -304,3 +304,70 @@ def test_an_uploaded_log_is_a_flight(tmp_path: Path) -> None:
     assert Recording(settings.flights / flight.file).metadata()["import"]["source"] == "00000042.BIN"
     export_file(settings.flights / flight.file, tmp_path / "again.bin")
     assert (tmp_path / "again.bin").read_bytes() == a_log().data
+
+
+def test_a_log_of_before_3_3_counts_milliseconds(tmp_path: Path) -> None:
+    """Its GPS has the week's milliseconds in TimeMS and the time since boot in T; parameters have no time at all."""
+    log = DataflashWriter()
+    log.declare("PARM", "Nf", "Name,Value")
+    log.declare("IMU", "Iffffff", "TimeMS,GyrX,GyrY,GyrZ,AccX,AccY,AccZ")
+    log.declare("GPS", "BIHBcLLeeEefI", "Status,TimeMS,Week,NSats,HDop,Lat,Lng,RelAlt,Alt,Spd,GCrs,VZ,T")
+    log.declare("RCOU", "Ihhhh", "TimeMS,Chan1,Chan2,Chan3,Chan4")
+    log.add("PARM", "SYSID_THISMAV", 3.0)
+    boot_ms = BOOT_US // 1000
+    for i in range(100):
+        log.add("IMU", boot_ms + 20 * i, 0.1, 0.2, 0.3, 0.0, 0.0, -9.8)
+        log.add("RCOU", boot_ms + 20 * i, 1500 + i, 1400, 1100, 1600)
+        if i % 10 == 0:
+            log.add(
+                "GPS", 3, WEEK_MS + 20 * i, WEEK, 9, 0.8, 47.0, 8.0, 100.0, 500.0, 15.0, 90.0, 0.0, boot_ms + 20 * i
+            )
+        if i == 50:
+            log.add("PARM", "SERVO2_REVERSED", 1.0)
+    recording = imported(tmp_path, log)
+    assert recording.start_ns == UTC_US * 1000
+    (imu,) = recording.columns("HIGHRES_IMU", system=3)
+    assert imu["time_usec"].tolist() == [BOOT_US + 20_000 * i for i in range(100)]
+    (parameters,) = recording.columns("PARAM_VALUE")
+    # A parameter counts from where it stands in the log.
+    at = {name: (ns - recording.start_ns) / 1e9 for name, ns in zip(
+        parameters.text("param_id").tolist(), parameters.log_time.tolist(), strict=True
+    )}  # fmt: skip
+    assert at == pytest.approx({"SYSID_THISMAV": 0.0, "SERVO2_REVERSED": 1.0}, abs=1e-6)
+
+
+@pytest.mark.parametrize(("sensor", "flag"), [("gyroscope", "GH"), ("accelerometer", "AH")])
+def test_where_a_sensor_calls_itself_unhealthy_another_stands_and_that_is_said(
+    tmp_path: Path, sensor: str, flag: str
+) -> None:
+    log = DataflashWriter()
+    log.declare("IMU", "QBffffffBB", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ,GH,AH")
+    for i in range(200):
+        healthy = {"GH": 1, "AH": 1} | ({flag: 0} if i >= 100 else {})
+        now, rate = BOOT_US + 20_000 * i, 0.01 * i
+        gyro = (rate, 0.0, 0.0) if healthy["GH"] else (9.0, 9.0, 9.0)
+        force = (rate, 0.0, -9.8) if healthy["AH"] else (9.0, 9.0, 9.0)
+        log.add("IMU", now, 0, *gyro, *force, healthy["GH"], healthy["AH"])
+        # The other one has its own stamps: what it reads is put onto the first one's.
+        late = rate + 0.01 * 0.2
+        log.add("IMU", now + 4_000, 1, late, 0.0, 0.0, late, 0.0, -9.8, 1, 1)
+    recording = imported(tmp_path, log)
+    flight = extract(recording, load_vehicle("iitb-mav"))
+    for name, value in (("p", flight.signals["p"]), ("ax", flight.signals["ax"])):
+        assert value.values.size == 200, name
+        np.testing.assert_allclose(value.values, 0.01 * np.arange(200), atol=1e-6)
+    (told,) = (line for line in flight.warnings if "unhealthy" in line)
+    assert told == (
+        f"{sensor} 0 was unhealthy by its own flag (IMU.{flag} = 0) in 100 of 200 samples, from 2.0 s on: {sensor} 1"
+        " stands there"
+    )
+
+
+def test_a_sensor_that_is_alone_stays_and_its_flag_is_said(tmp_path: Path) -> None:
+    log = DataflashWriter()
+    log.declare("IMU", "QBffffffBB", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ,GH,AH")
+    for i in range(100):
+        log.add("IMU", BOOT_US + 20_000 * i, 0, 0.1, 0.0, 0.0, 0.0, 0.0, -9.8, 1, 0)
+    flight = extract(imported(tmp_path, log), load_vehicle("iitb-mav"))
+    np.testing.assert_allclose(flight.signals["az"].values, -9.8, rtol=1e-6)
+    assert any(line.endswith("no other was healthy: taken as it is") for line in flight.warnings)

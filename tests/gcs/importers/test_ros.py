@@ -236,3 +236,47 @@ def test_a_bag_cut_off_anywhere_is_read_or_refused_in_one_line(plugin: StoragePl
         else:
             said = "" if extract(Recording(tmp_path / "a.mcap"), Vehicle.unknown()).signals else "no signal\n"
         assert "\n" not in said
+
+
+def in_chunks(bag: Path, target: Path, index: bool = True) -> Path:
+    """The same messages in chunks of 4 kB each, as ROS 2's recorder writes them, with an index at the end or none."""
+    from mcap.reader import make_reader
+    from mcap.writer import IndexType, Writer
+
+    with bag.open("rb") as source, target.open("wb") as file:
+        every = {} if index else {"index_types": IndexType.NONE, "repeat_channels": False, "repeat_schemas": False}
+        writer = Writer(file, chunk_size=4096, **every)
+        writer.start("ros2", "")
+        numbers: dict[int, int] = {}
+        for schema, channel, one in make_reader(source).iter_messages():
+            if channel.id not in numbers:
+                kind = writer.register_schema(schema.name, schema.encoding, schema.data)
+                numbers[channel.id] = writer.register_channel(channel.topic, channel.message_encoding, kind)
+            writer.add_message(numbers[channel.id], one.log_time, one.data, one.publish_time)
+        writer.finish()
+    return target
+
+
+def rate_of(bag: Path, folder: Path) -> tuple[np.ndarray, list[str]]:
+    """The rolling that a bag brings, and the warnings of its import about the bag."""
+    folder.mkdir()
+    import_file(bag, folder / "a.mcap")
+    found = extract(Recording(folder / "a.mcap"), Vehicle.unknown())
+    return found.signals["p"].values, [line for line in found.warnings if "the bag" in line]
+
+
+def test_a_bag_in_mcap_is_read_to_where_it_was_cut_off_and_without_an_index(tmp_path: Path) -> None:
+    bag = in_chunks(write(tmp_path / "bag", StoragePlugin.MCAP, messages()), tmp_path / "whole.mcap")
+    every, nothing = rate_of(bag, tmp_path / "whole")
+    assert nothing == []
+    bare = in_chunks(bag, tmp_path / "bare.mcap", index=False)
+    same, nothing = rate_of(bare, tmp_path / "bare")
+    np.testing.assert_array_equal(same, every)
+    assert nothing == []
+    for share in (0.4, 0.7):
+        cut = tmp_path / f"cut{share}.mcap"
+        cut.write_bytes(bare.read_bytes()[: round(share * bare.stat().st_size)])
+        part, (line,) = rate_of(cut, tmp_path / f"cut{share}")
+        assert line.startswith("the bag is cut off or damaged: the ")
+        np.testing.assert_array_equal(part, every[: part.size])
+        assert (share - 0.1) * every.size < part.size < every.size

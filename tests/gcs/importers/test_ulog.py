@@ -220,3 +220,19 @@ def test_what_is_no_log_is_refused_in_one_line(tmp_path: Path, content: bytes) -
         import_file(path, tmp_path / "a.mcap")
     assert "\n" not in str(error.value)
     assert not (tmp_path / "a.mcap").exists()
+
+
+def test_without_sensor_combined_its_filtered_sensors_stand_there(tmp_path: Path) -> None:
+    log = UlogWriter()
+    log.topic("vehicle_acceleration", "float[3] xyz")
+    log.topic("vehicle_angular_velocity", "float[3] xyz")
+    for i in range(200):
+        log.add("vehicle_angular_velocity", BOOT_US + 20_000 * i, 0.01 * i, 0.2, 0.3)
+        log.add("vehicle_acceleration", BOOT_US + 20_000 * i + 3_000, 1.0, 2.0, -9.8 + 0.01 * i)
+    source = tmp_path / "flight.ulg"
+    source.write_bytes(log.bytes())
+    import_file(source, tmp_path / "flight.mcap")
+    signals = extract(Recording(tmp_path / "flight.mcap"), load_vehicle("iitb-mav")).signals
+    np.testing.assert_allclose(signals["p"].values, 0.01 * np.arange(200), atol=1e-6)
+    np.testing.assert_allclose(signals["az"].values, -9.8 + 0.01 * np.arange(200), rtol=1e-6)
+    assert signals["az"].time_s[0] - signals["p"].time_s[0] == pytest.approx(0.003, abs=1e-6)

@@ -181,6 +181,39 @@ def test_what_cannot_be_is_refused() -> None:
     assert flight_from_table("t", whole, match_columns(["timestamp", "q"], None, {"q": "deg/s", "time": "ms"}))
 
 
+@pytest.mark.parametrize(
+    ("step", "advice"),
+    [
+        (20_000.0, "give units = {'time': 'us'}$"),
+        (20.0, "give units = {'time': 'ms'}$"),
+        (2e7, "give units = {'time': 'ns'}$"),
+        (1.0, "give units = {'time': 's'}, or 'ms' where they are that$"),
+        (1000.0, "give units = {'time': 'ms'}, or 'us' where they are that$"),
+    ],
+)
+def test_a_time_without_a_unit_is_asked_for_in_those_that_make_it_a_flight(step: float, advice: str) -> None:
+    rows = {"timestamp": step * np.arange(300.0), "q": np.sin(np.arange(300.0))}
+
+    def read(**time: str) -> object:
+        return flight_from_table("t", rows, match_columns(["timestamp", "q"], None, {"q": "rad/s", **time}))
+
+    with pytest.raises(TableError, match="whose unit nobody says: " + advice) as refused:
+        read()
+    # Who follows it is not asked again.
+    assert read(time=str(refused.value).split("'time': '")[1].split("'")[0])
+
+
+def test_a_wrong_unit_of_time_leads_to_the_right_one() -> None:
+    rows = {"timestamp": 20_000.0 * np.arange(300.0), "q": np.sin(np.arange(300.0))}
+    with pytest.raises(TableError, match=r"rows are 20 s apart by 'timestamp' in ms: give units = \{'time': 'us'\}$"):
+        flight_from_table("t", rows, match_columns(["timestamp", "q"], None, {"q": "rad/s", "time": "ms"}))
+
+
+def test_a_column_called_rpm_is_in_rpm() -> None:
+    flight = flight_from_table("t", {"t": T, "rpm": 5000.0 + T}, match_columns(["t", "rpm"]))
+    np.testing.assert_allclose(flight.signals["rpm"].values, 5000.0 + T)
+
+
 def test_columns_of_one_signal_may_be_in_several_units() -> None:
     table = {"t": T, "left_aileron_deg": 10.0 * np.sin(T), "right_aileron_rad": -np.radians(10.0) * np.sin(T)}
     flight = flight_from_table("t", table, match_columns(list(table)))
