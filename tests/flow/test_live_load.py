@@ -7,9 +7,8 @@ import time
 from pathlib import Path
 from typing import Any
 
-import httpx
-from patience import PATIENCE_S
 from processes import ANSWERS, free_port, service
+from rest import asked
 from traffic import Vehicle, wait_until
 
 from gcs.recording.reader import Recording
@@ -42,7 +41,7 @@ def test_recording_loses_nothing_while_live_identification_runs(tmp_path: Path) 
     with service(*options) as url:
 
         def live() -> Any:
-            return httpx.get(f"{url}/api/live", timeout=PATIENCE_S).json()
+            return asked(f"{url}/api/live")
 
         wait_until(lambda: live()["process"]["state"] == "running")
         count = sent(port, frames)

@@ -14,6 +14,7 @@ from asking import Asking
 from patience import PATIENCE_S
 from processes import free_port, run, service
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from rest import asked
 from traffic import wait_until
 
 
@@ -54,19 +55,19 @@ class Neighbour(threading.Thread):
 
 
 def running(url: str) -> bool:
-    return bool(httpx.get(f"{url}/api/live", timeout=PATIENCE_S).json()["process"]["state"] == "running")
+    return bool(asked(f"{url}/api/live")["process"]["state"] == "running")
 
 
 def estimated(url: str) -> dict[str, Any] | None:
     """What the service says once the whole flight is in its estimates."""
-    told: dict[str, Any] = httpx.get(f"{url}/api/live", timeout=PATIENCE_S).json()
+    told: dict[str, Any] = asked(f"{url}/api/live")
     known = told["identification"] is not None and told["identification"]["coefficients"]["Cl_da"]["known"]
     return told if known else None
 
 
 def flown(url: str, time_s: float) -> dict[str, Any] | None:
     """What the service says once it has read so much of the flight."""
-    told: dict[str, Any] = httpx.get(f"{url}/api/live", timeout=PATIENCE_S).json()
+    told: dict[str, Any] = asked(f"{url}/api/live")
     return told if (told["time_s"] or 0.0) > time_s else None
 
 
@@ -75,7 +76,7 @@ def test_signals_come_without_a_vehicle_file(tmp_path: Path) -> None:
     with service("--connect", f"udpin:127.0.0.1:{port}", "--data", tmp_path) as url:
         events = Events(url)
         events.start()
-        before = httpx.get(f"{url}/api/live", timeout=PATIENCE_S).json()
+        before = asked(f"{url}/api/live")
         assert (before["schema"], before["state"], before["flight"], before["signals"]) == (
             "live/1",
             "waiting",

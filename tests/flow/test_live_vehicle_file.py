@@ -7,12 +7,12 @@ import threading
 from pathlib import Path
 from typing import Any
 
-import httpx
 import pytest
 from asking import Asking
 from patience import PATIENCE_S
 from processes import free_port, service, start
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from rest import asked
 from traffic import wait_until
 
 from gcs.recording.reader import Recording
@@ -46,7 +46,7 @@ class Ground:
         self.url, self.port = url, port
 
     def live(self) -> dict[str, Any]:
-        told: dict[str, Any] = httpx.get(f"{self.url}/api/live", timeout=PATIENCE_S).json()
+        told: dict[str, Any] = asked(f"{self.url}/api/live")
         return told
 
     def fly(self, seconds: float) -> dict[str, Any]:
@@ -82,19 +82,19 @@ def test_an_edited_vehicle_file_counts_from_the_next_flight_on_and_a_bad_one_doe
     with service(*links, "--vehicle", craft, "--data", data, "--no-identify", "--silence", 2) as url:
         ground = Ground(url, port)
         wait_until(lambda: ground.live()["process"]["state"] == "running")
-        before = ground.fly(12)
+        before = ground.fly(9)
         assert before["vehicle"] == "iitb-mav"
         assert before["identification"]["warnings"] == []
 
         craft.write_text(second, encoding="utf-8")
-        changed = ground.fly(12)
+        changed = ground.fly(9)
         assert changed["vehicle"] == "repainted"
         assert changed["identification"]["warnings"][0].startswith("iitb-mav.toml has changed: coefficients begin anew")
         assert lift(changed) == pytest.approx(2.0 * lift(before), rel=0.1)  # of twice the mass, under the same forces
         wait_until(lambda: "iitb-mav.toml has changed" in neighbour.heard)
 
         craft.write_text(second.replace("[mass]", "[mess]"), encoding="utf-8")
-        kept = ground.fly(12)
+        kept = ground.fly(9)
         assert kept["vehicle"] == "repainted"
         (note, *_) = kept["identification"]["warnings"]
         assert "the vehicle file cannot be used" in note

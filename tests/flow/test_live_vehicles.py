@@ -7,22 +7,22 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-import httpx
 from patience import PATIENCE_S
 from processes import free_port, service, start
+from rest import asked
 from traffic import wait_until
 
 FOR_LONG_S = 600  # they are ended when they have been seen, however busy the machine is
 
 
 def told(url: str) -> dict[str, Any]:
-    answer: dict[str, Any] = httpx.get(f"{url}/api/live", timeout=PATIENCE_S).json()
+    answer: dict[str, Any] = asked(f"{url}/api/live")
     return answer
 
 
 def recording(url: str, count: int) -> list[str] | None:
     """The flights that are being recorded, once there are so many."""
-    found: list[str] = httpx.get(f"{url}/api/health", timeout=PATIENCE_S).json()["recording"]
+    found: list[str] = asked(f"{url}/api/health")["recording"]
     return found if len(found) == count else None
 
 

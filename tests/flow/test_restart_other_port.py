@@ -6,9 +6,8 @@ import threading
 from pathlib import Path
 from typing import Any
 
-import httpx
-from patience import PATIENCE_S
 from processes import free_port, run, service
+from rest import asked
 from traffic import wait_until
 
 
@@ -24,7 +23,7 @@ def test_a_restart_from_another_port_ends_the_flight_and_live_begins_anew(tmp_pa
                  "--no-identify", "--silence", 25) as url:  # fmt: skip
 
         def ask(path: str) -> Any:
-            return httpx.get(f"{url}{path}", timeout=PATIENCE_S).json()
+            return asked(f"{url}{path}")
 
         wait_until(lambda: ask("/api/live")["process"]["state"] == "running")
         fly(port, 8)

@@ -19,12 +19,15 @@ Result = TypeVar("Result")
 def wait_until(probe: Callable[[], Result | None], timeout_s: float = PATIENCE_S) -> Result:
     """The first true answer of `probe`; AssertionError when none comes in time."""
     deadline = time.monotonic() + timeout_s
+    pause = 0.02
     while True:
         answer = probe()
         if answer:
             return answer
         assert time.monotonic() < deadline, "waited in vain"
-        time.sleep(0.02)
+        time.sleep(pause)
+        # What takes long is asked for less often: each question costs the one that answers, too.
+        pause = min(1.1 * pause, 0.1)
 
 
 class Vehicle:

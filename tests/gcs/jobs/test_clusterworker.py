@@ -17,8 +17,11 @@ import pytest
 from dask_cluster import cluster
 from distributed import Client
 from patience import PATIENCE_S
-from processes import run, service
+from processes import service
 from traffic import wait_until
+
+from gcs.cli import main
+from sim_vehicle.cli.main import main as sim_vehicle
 
 pytestmark = pytest.mark.whole_flight
 
@@ -48,8 +51,9 @@ def asking_nobody() -> Iterator[subprocess.Popen[str]]:
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("log") / "flight.mcap"
-    flown = run("sim-vehicle", "fly", "--manoeuvre", "multisine", "--duration", 15, "--seed", 4, "--record", path)
-    assert flown.returncode == 0, flown.stderr
+    assert (
+        sim_vehicle(["fly", "--manoeuvre", "multisine", "--duration", "15", "--seed", "4", "--record", str(path)]) == 0
+    )
     return path
 
 
@@ -119,7 +123,8 @@ def test_without_a_scheduler_the_job_says_so(asking_nobody: subprocess.Popen[str
     assert asking_nobody.wait(PATIENCE_S) == 1
 
 
-def test_what_is_no_address_of_a_scheduler_is_said_at_the_start(tmp_path: Path) -> None:
-    refused = run("gcs", "serve", "--port", 0, "--data", tmp_path, "--scheduler", "nonsense")
-    assert refused.returncode == 2
-    assert "give the address of a Dask scheduler, tcp://HOST:PORT" in refused.stderr
+def test_what_is_no_address_of_a_scheduler_is_said_at_the_start(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["serve", "--port", "0", "--data", str(tmp_path), "--scheduler", "nonsense"]) == 2
+    assert "give the address of a Dask scheduler, tcp://HOST:PORT" in capsys.readouterr().err
