@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import csv
 import math
+import pickle
 from pathlib import Path
 
 import numpy as np
 import pytest
+from made_once import made_once
 from numpy.typing import NDArray
 from scipy.io import savemat
 
+from flightmodel import Aircraft, Flight, Identification, identify
 from gcs.flights.signals import extract
 from gcs.recording.reader import Recording
 from sim_vehicle.cli.main import main
@@ -24,10 +27,26 @@ DEGREE, FOOT, G, POUND, SLUG = math.pi / 180.0, 0.3048, 9.80665, 4.4482216152605
 
 @pytest.fixture(scope="session")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("flight") / "flight.mcap"
-    fly = ["fly", "--vehicle", VEHICLE, "--manoeuvre", "multisine", "--seed", "5", "--duration", "25"]
-    assert main([*fly, "--record", str(path)]) == 0
-    return path
+    def make(folder: Path) -> None:
+        fly = ["fly", "--vehicle", VEHICLE, "--manoeuvre", "multisine", "--seed", "5", "--duration", "25"]
+        assert main([*fly, "--record", str(folder / "flight.mcap")]) == 0
+
+    return made_once(tmp_path_factory, "flight-as-recording", make) / "flight.mcap"
+
+
+@pytest.fixture(scope="session")
+def identified(recording: Path, tmp_path_factory: pytest.TempPathFactory) -> Identification:
+    """What the library finds in the recording."""
+
+    def make(folder: Path) -> None:
+        aircraft = Aircraft.read(VEHICLE)
+        found = identify(Flight.read(recording, aircraft), aircraft, progress=False)
+        (folder / "found.pickle").write_bytes(pickle.dumps(found))
+
+    folder = made_once(tmp_path_factory, "identification-of-a-recording", make)
+    found = pickle.loads((folder / "found.pickle").read_bytes())
+    assert isinstance(found, Identification)
+    return found
 
 
 @pytest.fixture(scope="session")

@@ -26,8 +26,8 @@ def flight(recording: Path, aircraft: Aircraft) -> Flight:
 
 
 @pytest.fixture(scope="module")
-def result(flight: Flight, aircraft: Aircraft) -> Identification:
-    return identify(flight, aircraft, progress=False)
+def result(identified: Identification) -> Identification:
+    return identified
 
 
 def test_an_identification_is_a_table_a_frame_a_picture_and_files(result: Identification, tmp_path: Path) -> None:

@@ -45,19 +45,14 @@ def aircraft() -> Aircraft:
     return Aircraft.read("ultrastick25e")
 
 
-@pytest.fixture(scope="module")
-def of_recording(recording: Path, aircraft: Aircraft) -> Identification:
-    return identify(Flight.read(recording, aircraft), aircraft, progress=False)
-
-
 def test_the_table_of_jsbsim_gives_the_recording_s_model(
-    jsbsim_csv: Path, of_recording: Identification, aircraft: Aircraft
+    jsbsim_csv: Path, identified: Identification, aircraft: Aircraft
 ) -> None:
     flight = Flight.from_frame(pandas.read_csv(jsbsim_csv), columns=OF_JSBSIM, units=UNITS)
     found = identify(flight, aircraft, progress=False)
     assert len(found.values) > 20
-    assert apart(found.values, of_recording.values, of_recording.stds) < WITHIN
-    assert apart(found.stds, of_recording.stds, of_recording.stds) < WITHIN
+    assert apart(found.values, identified.values, identified.stds) < WITHIN
+    assert apart(found.stds, identified.stds, identified.stds) < WITHIN
 
 
 def test_so_it_does_once_it_was_imported(
