@@ -18,7 +18,7 @@ from sim_vehicle.vehicle.vehicle_file import load_vehicle
 def test_a_plan_promises_what_the_estimator_with_priors_then_gives(tmp_path: Path) -> None:
     vehicle, model = load_vehicle("iitb-mav").path, tmp_path / "model.json"
     model.write_text(json.dumps(read_model("iitb-mav").to_json()))
-    asked = {"manoeuvres": ["multisine"], "duration": 20.0, "gusts": 0.3}
+    asked = {"manoeuvres": ["multisine"], "gusts": 0.3}
     bounds = {
         one["name"]: one["std"] for one in planned(vehicle, model, asked, lambda share, text: None)["coefficients"]
     }
