@@ -107,7 +107,7 @@ def test_a_model_is_held_against_every_flight(
         sim_vehicle(["fly", "--manoeuvre", "multisine", "--duration", "8", "--effect", "pitch_damping:Cm_q=-9",
                      "--seed", str(seed), "--record", str(tmp_path / "damped" / f"flight{seed}.mcap")])  # fmt: skip
     against = ("--discrepancy", "iitb-mav", "--method", "map")  # the quickest
-    assert batch(tmp_path / "damped", tmp_path / "out", *against, "--workers", "1") == 0
+    assert batch(tmp_path / "damped", tmp_path / "out", *against, "--workers", "2") == 0
     said = capsys.readouterr().out
     assert "iitb-mav: missing effect by pitch_damping: 2 of 2 flights" in said
     assert "2 of 2 flights compared" in said
