@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
 from gcs.errors import ImportFileError, RecordingError
+from gcs.flights.signals import IMPORT_WARNING
 from gcs.mavlink.crc import Int
 from gcs.mavlink.dialect import Dialect
 from gcs.mavlink.framing import UNKNOWN, Frames, scan
@@ -31,6 +32,8 @@ _BLOCK_BYTES = 16 << 20
 _CHUNK_SECONDS = 4.0  # nothing is lost if an import breaks off, so a chunk may be longer than a live one
 _STAMP_WINDOW = 9  # frames with whose median time an odd stamp is compared
 _STAMP_TOLERANCE_US = 3_600_000_000
+# A computer's clock that goes back by more than frames of several links overtake one another was set back.
+_SET_BACK_US = 1_000_000
 _LATEST_US = 4_102_444_800_000_000  # the year 2100; later is no time but noise
 
 Bytes = NDArray[np.uint8]
@@ -67,6 +70,21 @@ def _believable(stamps: Ints, previous: int) -> Ints:
         return filled
     middle = median_filter(filled, size=_STAMP_WINDOW, mode="nearest")
     return np.where(np.abs(filled - middle) > _STAMP_TOLERANCE_US, middle, filled)
+
+
+def _set_back(times: Ints, previous: int) -> Ints:
+    """(N,) us by which the computer's clock was set back before each of these frames, beyond what it was before.
+
+    Frames go on coming meanwhile: what is between the last one before and the first one after is no time. One stamp
+    that is early by itself is no clock that was set.
+    """
+    steps = np.diff(times, prepend=times[:1] if previous < 0 else previous)
+    found = np.zeros(times.size, np.int64)
+    for place in np.flatnonzero(steps < -_SET_BACK_US).tolist():
+        after = times[place : place + _STAMP_WINDOW]
+        if np.median(after) < times[place] - steps[place] - _SET_BACK_US:
+            found[place] -= steps[place]
+    return np.cumsum(found)
 
 
 @jit_arrays
@@ -113,11 +131,10 @@ def import_tlog(
     except OSError as error:
         raise ImportFileError(f"{source} cannot be read: {error.strerror}") from None
     with file, McapWriter(out_mcap, dialect, chunk_seconds=_CHUNK_SECONDS) as writer:
-        writer.metadata("import", {"source": name or source.name, "format": "tlog"})
         total = max(os.fstat(file.fileno()).st_size, 1)
         tail = b""
         previous = -1
-        stamped = 0
+        stamped = behind = 0
         while True:
             block = file.read(_BLOCK_BYTES)
             frames = scan(np.frombuffer(tail + block, np.uint8), dialect, final=not block, gap=_STAMP_BYTES)
@@ -126,12 +143,21 @@ def import_tlog(
             tail = frames.buffer[frames.consumed :].tobytes()
             if frames.consumed:
                 times = _believable(stamps, previous)
-                previous = int(times[-1]) if times.size else previous
+                if times.size:
+                    moved_on = behind + _set_back(times, previous)
+                    previous, behind, times = int(times[-1]), int(moved_on[-1]), times + moved_on
                 data, moved = _without_stamps(frames, stamps)
                 writer.write(LINK_NAME, data, moved, times * 1000)
             if not block:
                 break
             progress(file.tell() / total)
+        notes = {"source": name or source.name, "format": "tlog"}
+        if behind:
+            notes[f"{IMPORT_WARNING}clock"] = (
+                f"the computer's clock was set back by {behind / 1e6:.0f} s while it recorded; what came after counts"
+                " as if it had not been"
+            )
+        writer.metadata("import", notes)
         counts = writer.counts
     if stamped == 0 and 2 * counts.raw_bytes >= counts.bytes:
         # Noise alone looks like a frame now and then, but not like one behind a time.

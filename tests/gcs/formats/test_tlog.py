@@ -48,6 +48,28 @@ def test_a_clean_log_goes_in_and_out_unchanged(tmp_path: Path) -> None:
     assert sorted(times) == [time * 1000 for time, _ in log]
 
 
+@pytest.mark.parametrize("block", [1 << 24, 1000])
+def test_a_computer_s_clock_that_is_set_back_while_it_records_moves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, block: int
+) -> None:
+    """Set back by an hour after 100 frames, by 5 s after 200; one stamp early by itself is none of it."""
+    monkeypatch.setattr(tlog, "_BLOCK_BYTES", block)
+    log = a_log()
+    back = [0 if i < 100 else 3_600_000_000 if i < 200 else 3_605_000_000 for i in range(len(log))]
+    source, recording = tmp_path / "a.tlog", tmp_path / "a.mcap"
+    source.write_bytes(as_bytes([(time - by, frame) for (time, frame), by in zip(log, back, strict=True)]))
+    import_tlog(source, recording)
+    opened = Recording(recording)
+    times = sorted(int(time) for c in (opened.columns(name)[0] for name in NAMES) for time in c.log_time)
+    # At each of the two moments the interval between two frames is lost.
+    assert times == [(time - 20_000 * sum(i >= at for at in (100, 200))) * 1000 for i, (time, _) in enumerate(log)]
+    assert opened.metadata()["import"]["warning clock"].startswith("the computer's clock was set back by 3605 s")
+    odd = [(time - 5_000_000 if i == 150 else time, frame) for i, (time, frame) in enumerate(log)]
+    source.write_bytes(as_bytes(odd))
+    import_tlog(source, tmp_path / "odd.mcap")
+    assert "warning clock" not in Recording(tmp_path / "odd.mcap").metadata()["import"]
+
+
 @pytest.mark.parametrize("block", [1 << 24, 1000, 311])
 def test_noise_and_torn_frames_cost_nothing_else(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, block: int) -> None:
     monkeypatch.setattr(tlog, "_BLOCK_BYTES", block)
