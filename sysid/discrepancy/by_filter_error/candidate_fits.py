@@ -193,15 +193,16 @@ def rank(problem: Problem, base: FittedModel, fits: Sequence[tuple[Candidate, Fi
         ended = [fit_full(problem, base, *fits[0]), *(fits[i][1] for i in kept[1:])]
         return [Finalist(fits[i][0], found, gains[i]) for i, found in zip(kept, ended, strict=True)]
     near = [i for i, gain in enumerate(gains[:_FINALISTS]) if gain > _SHARE_OF_BEST * gains[0]]
-    begun = [(fits[i][0], with_own_noise(problem, base, *fits[i])) for i in near]
-    most = max(base.result.cost - one.cost for _, one in begun)
-    # Who has come least far with noise of its own does not catch up, and is not brought to its end.
-    found = [
-        (candidate, _ended_from_both(problem, base, candidate, one, fits[i][1]))
-        if base.result.cost - one.cost > _STILL_IN * most
-        else (candidate, one)
-        for i, (candidate, one) in zip(near, begun, strict=True)
-    ]
+    begun = [(*fits[i], with_own_noise(problem, base, *fits[i])) for i in near]
+    found: list[tuple[Candidate, FilterErrorResult]] = []
+    least = base.result.cost
+    for candidate, rough, own in sorted(begun, key=lambda item: item[2].cost):
+        # Who has come least far with noise of its own does not catch up with who is at its end, and is not brought
+        # there.
+        if base.result.cost - own.cost > _STILL_IN * (base.result.cost - least):
+            own = _ended_from_both(problem, base, candidate, own, rough)
+        found.append((candidate, own))
+        least = min(least, own.cost)
     least = base.result.cost
     if is_gusty(base.result):
         # Gusts far above those that are there are a hill of their own.
