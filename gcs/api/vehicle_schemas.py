@@ -23,7 +23,7 @@ class ServoForm(BaseModel):
 
     model_config = _STRICT
 
-    servo: int = Field(ge=1, le=16)
+    servo: int = Field(ge=1, le=48)
     pwm_us: list[_Finite] = Field(min_length=2, max_length=50)
     travel: list[_Finite] = Field(min_length=2, max_length=50)
     mix: _Finite = 1.0

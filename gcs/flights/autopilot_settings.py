@@ -1,8 +1,9 @@
 """What the parameters of an autopilot say of its aircraft, for what the vehicle file leaves out.
 
 ArduPilot: SERVOn_FUNCTION, _MIN, _TRIM, _MAX, _REVERSED, INS_POS1_*, GPS_POS1_*, INS_GYRO_FILTER, ARSPD_TYPE
-(ardupilot.org/plane, "Complete parameter list"). PX4: PWM_MAIN_FUNCn, _MINn, _MAXn, PWM_MAIN_REV, CA_SV_CSn_TYPE,
-EKF2_IMU_POS_*, EKF2_GPS_POS_* (docs.px4.io, "Parameter reference"). No parameter says how far a surface moves.
+(ardupilot.org/plane, "Complete parameter list"). PX4: PWM_MAIN_FUNCn, _MINn, _CENTn, _MAXn, PWM_MAIN_REV, the same of
+PWM_AUX, CA_SV_CSn_TYPE, EKF2_IMU_POS_*, EKF2_GPS_POS_* (docs.px4.io, "Parameter reference"). No parameter says how far
+a surface moves.
 """
 
 from __future__ import annotations
@@ -15,7 +16,16 @@ import numpy as np
 
 from gcs.errors import SignalMapError
 from gcs.flights.streams import Array, ColumnSource, Stream, load_streams
-from sim_vehicle.vehicle.controls import CONTROL_NAMES, DEFLECTION_SIGNALS, LARGEST_PWM_US, Control, mixing_matrix
+from sim_vehicle.vehicle.controls import (
+    CONTROL_NAMES,
+    DEFLECTION_SIGNALS,
+    LARGEST_PWM_US,
+    OUTPUTS,
+    PORTS,
+    Control,
+    mixing_matrix,
+    output_name,
+)
 from sim_vehicle.vehicle.strict_toml import Known
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 
@@ -28,7 +38,7 @@ _SAMPLES = ("SERVO_OUTPUT_RAW", "HIGHRES_IMU", "SCALED_IMU", "RAW_IMU", "ATTITUD
 _MOMENT_S = 1e-3
 # Parameters that the autopilot's own reading of airspeed goes by, whatever the vehicle file says.
 _OF_AIRSPEED = ("ARSPD_", "ASPD_", "SENS_DPRES_", "CAL_AIR_")
-_SERVOS = range(1, 17)
+_SERVOS = range(1, len(PORTS) * OUTPUTS + 1)
 
 Mix = Mapping[str, float]
 _LEFT_ELEVON, _RIGHT_ELEVON = {"elevator": 0.5, "aileron": -0.5}, {"elevator": 0.5, "aileron": 0.5}
@@ -186,7 +196,8 @@ def filled(vehicle: Vehicle, parameters: Mapping[str, float], messages: Collecti
     for name, control in more.items():
         controls[name] = control
         servos = ", ".join(
-            f"{n} ({low[0]:.0f} to {low[-1]:.0f} us)" for n, low in zip(control.servos, control.pwm, strict=True)
+            f"{output_name(n)} ({low[0]:.0f} to {low[-1]:.0f} us)"
+            for n, low in zip(control.servos, control.pwm, strict=True)
         )
         warnings.append(f"[controls.{name}] is not given: servo {servos} by the log's parameters")
     if guessed:
@@ -282,16 +293,20 @@ def _by_ardupilot(parameters: Mapping[str, float]) -> Iterator[tuple[int, Mix, t
 
 
 def _by_px4(parameters: Mapping[str, float]) -> Iterator[tuple[int, Mix, tuple[float, ...], bool]]:
-    turned = int(parameters.get("PWM_MAIN_REV", 0.0))
-    for servo in _SERVOS:
-        function = int(parameters.get(f"PWM_MAIN_FUNC{servo}", 0.0))
-        low, high = (
-            parameters.get(f"PWM_MAIN_{key}{servo}", usual) for key, usual in (("MIN", 1000.0), ("MAX", 2000.0))
-        )
-        kind = int(parameters.get(f"CA_SV_CS{function - _PX4_SURFACE}_TYPE", 0.0))
-        mix = {"throttle": 1.0} if function == _PX4_MOTOR else _PX4.get(kind) if function >= _PX4_SURFACE else None
-        if mix is not None and 0.0 < low < high <= LARGEST_PWM_US:
-            yield servo, mix, _pulses(low, (low + high) / 2.0, high), bool(turned >> (servo - 1) & 1)
+    for port, name in enumerate(PORTS[:2]):
+        turned = int(parameters.get(f"PWM_{name}_REV", 0.0))
+        for output in range(1, OUTPUTS + 1):
+            function = int(parameters.get(f"PWM_{name}_FUNC{output}", 0.0))
+            low, high = (
+                parameters.get(f"PWM_{name}_{key}{output}", usual) for key, usual in (("MIN", 1000.0), ("MAX", 2000.0))
+            )
+            middle = parameters.get(f"PWM_{name}_CENT{output}", -1.0)
+            middle = middle if low < middle < high else (low + high) / 2.0
+            kind = int(parameters.get(f"CA_SV_CS{function - _PX4_SURFACE}_TYPE", 0.0))
+            mix = {"throttle": 1.0} if function == _PX4_MOTOR else _PX4.get(kind) if function >= _PX4_SURFACE else None
+            if mix is not None and 0.0 < low < high <= LARGEST_PWM_US:
+                is_turned = bool(turned >> (output - 1) & 1)
+                yield OUTPUTS * port + output, mix, _pulses(low, middle, high), is_turned
 
 
 def _pulses(low: float, middle: float, high: float) -> tuple[float, ...]:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_vehicle.constants import STANDARD_GRAVITY
+from sim_vehicle.vehicle.controls import OUTPUTS, PORTS
 from sim_vehicle.vehicle.second_sensors import SECOND_SENSORS
 
 Array = NDArray[np.float64]
@@ -25,14 +26,12 @@ INT16_NONE = 32767.0  # of temperatures that a sender does not know, as AIRSPEED
 LOOKS_DOWN = 25.0  # MAV_SENSOR_ROTATION_PITCH_270
 FIX_2D = 2.0  # GPS_FIX_TYPE_2D_FIX
 ADC_CHANNELS = 16
-SERVOS = 16
 
 # Messages that may come from several instances of one component, distinguished by this field; the lowest one counts.
 INSTANCE_FIELDS = {
     "HIGHRES_IMU": "id",
     "RAW_IMU": "id",
     "AIRSPEED": "id",
-    "SERVO_OUTPUT_RAW": "port",
 }
 
 # Bits of HIGHRES_IMU.fields_updated: a field whose bit is off repeats an old value.
@@ -50,7 +49,7 @@ TABLE_SIGNALS = (
     *("ax", "ay", "az", "p", "q", "r", "phi", "theta", "psi", "alpha", "beta", "alpha2", "beta2"),
     *("airspeed", "true_airspeed", "differential_pressure", "static_pressure", "temperature", "air_density"),
     *("altitude", "height", "vn", "ve", "vd", "thrust", "rpm", "de", "da", "dr", "throttle"),
-    *(f"servo{number}" for number in range(1, SERVOS + 1)),
+    *(f"servo{number}" for number in range(1, OUTPUTS + 1)),
     *(name for name in SECOND_SENSORS if name not in ("alpha2", "beta2")),
 )
 
@@ -63,13 +62,15 @@ class Source:
     """Fields of one message and how they become one signal.
 
     convert: takes one (N,) float64 array for each field, gives (N,) values in the row's unit.
-    name: what the message's `name` must say, for NAMED_VALUE_FLOAT and DEBUG_FLOAT_ARRAY.
+    name: what the message's `name` must say, for NAMED_VALUE_FLOAT and DEBUG_FLOAT_ARRAY. port: what its `port` must
+    be, for SERVO_OUTPUT_RAW.
     """
 
     message: str
     fields: tuple[str, ...]
     convert: Callable[..., Array]
     name: str = ""
+    port: int | None = None
 
     @property
     def label(self) -> str:
@@ -249,7 +250,11 @@ _OF_MESSAGES: dict[str, Row] = {
     "vd": _velocity(2),
     "thrust": _named("thrust", "N"),
     "rpm": _one("1/min", Source("RPM", ("rpm1",), linear()), Source("ESC_TELEMETRY_1_TO_4", ("rpm[0]",), linear())),
-    **{f"servo{i}": _one("us", Source("SERVO_OUTPUT_RAW", (f"servo{i}_raw",), _pulse)) for i in range(1, SERVOS + 1)},
+    **{
+        f"servo{OUTPUTS * port + i}": _one("us", Source("SERVO_OUTPUT_RAW", (f"servo{i}_raw",), _pulse, port=port))
+        for port in range(len(PORTS))
+        for i in range(1, OUTPUTS + 1)
+    },
     **{
         f"adc{i}": _one("V", Source("DEBUG_FLOAT_ARRAY", (f"data[{i}]",), linear(), "adc")) for i in range(ADC_CHANNELS)
     },

@@ -23,7 +23,7 @@ from gcs.flights.signal_sources import (
 )
 from gcs.flights.streams import MAV_AUTOPILOT_ARDUPILOT, ColumnSource, Stream, VehicleStreams, load_streams
 from sim_vehicle.constants import GAS_CONSTANT, SEA_LEVEL_DENSITY
-from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS
+from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS, output_name
 from sim_vehicle.vehicle.second_sensors import SECOND_SENSORS
 from sim_vehicle.vehicle.sensors import CalibrationSource, SignalSource
 from sim_vehicle.vehicle.vehicle_file import Vehicle
@@ -181,7 +181,11 @@ class _Flight:
                 continue
             pulses = [servo for servo in servos if servo is not None]
             if len(pulses) < len(servos):
-                missing = ", ".join(f"servo{n}" for n, s in zip(control.servos, servos, strict=True) if s is None)
+                missing = ", ".join(
+                    f"servo{n}" if output_name(n) == str(n) else f"servo{n} ({output_name(n)})"
+                    for n, s in zip(control.servos, servos, strict=True)
+                    if s is None
+                )
                 self.warn(f"{signal}: the recording has no {missing}, so the {name} is unknown")
                 continue
             # All outputs of a port come in one message, so they share their stamps.
@@ -290,6 +294,9 @@ def values_of(source: Source, stream: Stream) -> tuple[Stream, Array]:
 
     stream: of the source's message, and of its name where it has one.
     """
+    if source.port is not None and stream.records.size:
+        mine = np.asarray(stream.records["port"] == source.port)
+        stream = stream if mine.all() else stream.only(mine)
     bit = HIGHRES_BITS.get(source.fields[0]) if stream.message == "HIGHRES_IMU" else None
     if bit is not None and np.any(stream.records["fields_updated"]):
         updated = np.asarray(stream.records["fields_updated"] >> bit & 1 == 1)

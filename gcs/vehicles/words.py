@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from gcs.vehicles.figures import figures
+from sim_vehicle.vehicle.controls import output_name
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 
 
@@ -19,7 +20,7 @@ def vehicle_lines(vehicle: Vehicle) -> list[str]:
     for name, control in vehicle.controls.items():
         low, high = control.limits
         unit, factor = ("%", 100.0) if name == "throttle" else ("deg", math.degrees(1.0))
-        servos = ", ".join(map(str, control.servos))
+        servos = ", ".join(map(output_name, control.servos))
         pulses = " and ".join(f"{min(us):g} to {max(us):g}" for us in control.pwm)
         travel = f"{factor * low:.1f} to {factor * high:.1f} {unit}"
         lines.append(f"  {name}: servo {servos}, {pulses} us, {travel} ({control.signal})")

@@ -16,6 +16,7 @@ from sim_vehicle.flight.tick import Tick
 from sim_vehicle.mavlink.boot_clock import VehicleClock
 from sim_vehicle.mavlink.frame_encoder import Voice
 from sim_vehicle.mavlink.message_rates import Rates
+from sim_vehicle.vehicle.controls import OUTPUTS, PORTS
 from sim_vehicle.vehicle.second_sensors import SECOND_SENSORS
 
 _STANDBY_S = 1.0  # after a restart in flight, before the vehicle says that it is armed
@@ -74,8 +75,10 @@ class Telemetry:
         self._hud(tick)
         if "gps" in tick.reading.due:
             self._gps(tick.reading.values, usec, ms)
-        outputs = [tick.servos.get(number, 0) for number in range(1, 17)]
-        self._say(self._link.servo_output_raw_encode(usec & 0xFFFFFFFF, 0, *outputs))
+        for port in range(len(PORTS)):
+            outputs = [tick.servos.get(OUTPUTS * port + number, 0) for number in range(1, OUTPUTS + 1)]
+            if port == 0 or any(outputs):
+                self._say(self._link.servo_output_raw_encode(usec & 0xFFFFFFFF, port, *outputs))
         return self.voice.take()
 
     def _restart(self) -> None:

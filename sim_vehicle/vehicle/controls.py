@@ -19,6 +19,9 @@ DEFLECTION_SIGNALS = {"elevator": "de", "aileron": "da", "rudder": "dr", "thrott
 GUESSED_TRAVEL_STD = 0.2
 LARGEST_PWM_US = 65534.0  # 65535 is MAVLink's "not used"
 
+#: Ports of a board and the outputs of each. A servo's number counts through them: AUX 1 is 17.
+PORTS, OUTPUTS = ("MAIN", "AUX", "UAVCAN"), 16
+
 
 @dataclass(frozen=True)
 class Control:
@@ -28,7 +31,7 @@ class Control:
 
     name: elevator, aileron, rudder or throttle.
     signal: what SERVO_OUTPUT_RAW carries, "command" sent or measured "position".
-    servos: output numbers, from 1. mix: one weight for each servo.
+    servos: output numbers, from 1, through the ports (`output_name`). mix: one weight for each servo.
     pwm: us, one strictly increasing tuple for each servo.
     deflection: rad (throttle: 0 to 1) at those pulse widths, strictly monotone.
     gain_std, bias_std: how well the linkage is known, 1 sigma: share of the deflection, and rad.
@@ -135,6 +138,12 @@ def servo_pwm(controls: Mapping[str, Control], deflections: Mapping[str, float])
     return {servo: _pwm_at(float(value), *curves[servo]) for servo, value in zip(servos, travel, strict=True)}
 
 
+def output_name(servo: int) -> str:
+    """An output's number as boards print it: 3, or AUX 1 for the first of the second port."""
+    port, place = divmod(servo - 1, OUTPUTS)
+    return f"{PORTS[port]} {place + 1}" if port else str(servo)
+
+
 def read_controls(table: Table, warnings: list[str]) -> dict[str, Control]:
     """Every control of the table [controls]; doubts are appended to `warnings`, what is impossible raises."""
     controls = {name: _read_control(table.table(name), name, warnings) for name in CONTROL_NAMES if name in table}
@@ -157,12 +166,14 @@ def _guessed_travel(controls: Mapping[str, Control]) -> list[str]:
 
 
 def _read_control(table: Table, name: str, warnings: list[str]) -> Control:
-    if not any(table.optional(key) for key in ("servo", "pwm", "deflection", "mix")):
+    if not any(table.optional(key) for key in ("servo", "port", "pwm", "deflection", "mix")):
         return _read_logged(table, name)
     several = table.is_list("servo")
     numbers = table.numbers("servo") if several else (table.number("servo"),)
-    if any(value != int(value) or not 1 <= value <= 16 for value in numbers) or len(set(numbers)) < len(numbers):
-        raise table.error("servo", "must be outputs from 1 to 16, each once")
+    port = PORTS.index(table.text("port", PORTS[0], PORTS))
+    most = OUTPUTS if port else len(PORTS) * OUTPUTS
+    if any(value != int(value) or not 1 <= value <= most for value in numbers) or len(set(numbers)) < len(numbers):
+        raise table.error("servo", f"must be outputs from 1 to {most}, each once")
     signal = table.text("signal", "command", ("command", "position"))
     nested = several and (table.is_nested("pwm") or len(numbers) > 1)
     pwm = table.rows("pwm") if nested else (table.numbers("pwm"),)
@@ -178,7 +189,7 @@ def _read_control(table: Table, name: str, warnings: list[str]) -> Control:
     if any(weight == 0.0 for weight in mix):
         raise table.error("mix", "holds a 0: leave that servo out")
     curves = [_check_curve(table, name, xs, ys, warnings) for xs, ys in zip(pwm, deflection, strict=True)]
-    servos = tuple(int(value) for value in numbers)
+    servos = tuple(OUTPUTS * port + int(value) for value in numbers)
     pulses, travels = tuple(x for x, _ in curves), tuple(y for _, y in curves)
     return Control(name, signal, servos, mix, pulses, travels, gain_std, bias_std, delay, lag, backlash)
 
@@ -222,7 +233,9 @@ def _check_shared(table: Table, controls: Mapping[str, Control]) -> None:
         for servo, xs, ys in zip(control.servos, control.pwm, control.deflection, strict=True):
             other = seen.setdefault(servo, (name, (xs, ys)))
             if other[1] != (xs, ys):
-                raise table.error(name, f"gives servo {servo} another pwm and deflection than {other[0]} does")
+                raise table.error(
+                    name, f"gives servo {output_name(servo)} another pwm and deflection than {other[0]} does"
+                )
     servos, inverse = mixing_matrix(controls)
     if controls and np.linalg.matrix_rank(inverse) < len(controls):
         raise table.error("mix", f"over servos {servos} cannot distinguish the controls; check each control's mix")

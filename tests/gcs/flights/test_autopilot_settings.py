@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 import struct
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,12 +18,15 @@ from dataflash import a_log as a_dataflash_log
 from field_flight import Plan, fly_plan, textbook
 from field_plant import Air, Hold, Servo
 from field_wire import BOOT, START, write_flight
+from patience import PATIENCE_S
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scipy.signal import butter, group_delay
 from ulog_writer import a_log as a_px4_log
 
+import sim_vehicle
 from gcs.cli import main
 from gcs.flights.autopilot_settings import USUAL_TRAVEL, filled, flown
+from gcs.flights.signals import extract
 from gcs.formats.conversion import import_file
 from gcs.recording.reader import Recording
 from sim_vehicle.vehicle.controls import servo_pwm
@@ -69,6 +75,42 @@ def test_flaperons_are_one_aileron_and_two_motors_one_throttle_each_by_its_own_p
     assert aileron.deflection_from_pwm(2000.0, 1100.0) == pytest.approx(USUAL_TRAVEL)
     # Told apart, motors are half of the throttle each.
     assert throttle.deflection_from_pwm(1000.0, 1900.0) == pytest.approx(0.5)
+
+
+def test_px4_s_outputs_are_those_of_their_port() -> None:
+    craft = filled(bare(), {
+        "PWM_MAIN_FUNC1": 101, "PWM_AUX_FUNC1": 201, "PWM_AUX_FUNC2": 202, "CA_SV_CS0_TYPE": 15, "CA_SV_CS1_TYPE": 3,
+        "PWM_AUX_REV": 2, "PWM_AUX_MIN1": 1100, "PWM_AUX_MAX1": 1900, "PWM_AUX_CENT1": 1400,
+    })  # fmt: skip
+    assert {name: one.servos for name, one in craft.controls.items()} == {
+        "throttle": (1,), "aileron": (17,), "elevator": (18,),
+    }  # fmt: skip
+    assert craft.controls["aileron"].pwm == ((1100.0, 1400.0, 1900.0),)
+    # Turned by the second bit of the port's own mask: longer pulses are a demand to pitch down.
+    assert craft.controls["elevator"].deflection_from_pwm(2000.0) == pytest.approx(USUAL_TRAVEL)
+    assert any(
+        line.startswith("[controls.aileron] is not given: servo AUX 1 (1100 to 1900 us)") for line in craft.warnings
+    )
+
+
+def test_a_control_on_the_second_port_is_recorded_and_read_as_on_the_first(tmp_path: Path) -> None:
+    """The simulator's telemetry has a message for each port, as boards do; nothing else of the flight changes."""
+    shutil.copytree(Path(sim_vehicle.__file__).parent / "vehicles", tmp_path / "vehicles")
+    craft = tmp_path / "vehicles" / "iitb-mav.toml"
+    text = craft.read_text(encoding="utf-8")
+    assert "servo = 2\n" in text
+    craft.write_text(text.replace("servo = 2\n", 'servo = 2\nport = "AUX"\n'), encoding="utf-8")
+    found = {}
+    for name, vehicle in (("main", "iitb-mav"), ("aux", str(craft))):
+        fly = [sys.executable, "-m", "sim_vehicle", "fly", "--vehicle", vehicle, "--model", "iitb-mav", "--seed", "4"]
+        fly += ["--manoeuvre", "elevator-3211", "--duration", "4", "--record", str(tmp_path / f"{name}.mcap")]
+        subprocess.run(fly, check=True, capture_output=True, timeout=PATIENCE_S)
+        found[name] = extract(Recording(tmp_path / f"{name}.mcap"), load_vehicle(vehicle)).signals
+    assert np.ptp(found["main"]["de"].values) > 0.02
+    np.testing.assert_array_equal(found["aux"]["de"].values, found["main"]["de"].values)
+    assert "servo18" in found["aux"]
+    assert "servo18" not in found["main"]
+    assert not np.any(found["aux"]["servo2"].values > 0.0) if "servo2" in found["aux"] else True
 
 
 def test_what_moves_and_is_no_control_is_named() -> None:

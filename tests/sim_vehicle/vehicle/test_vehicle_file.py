@@ -121,6 +121,8 @@ IMPOSSIBLE = {
     "controls.elevator.pwm has 2 points": BASE + ELEVATOR.replace("1000, 1500, 2000", "1000, 2000"),
     "controls.elevator.deflection is": BASE + ELEVATOR.replace("-0.4, 0.0, 0.3", "-0.4, 0.3, 0.0"),
     "controls.elevator.servo must be": BASE + ELEVATOR.replace("servo = 2", "servo = 0"),
+    "must be outputs from 1 to 16": BASE + ELEVATOR.replace("servo = 2", 'servo = 17\nport = "AUX"'),
+    "controls.elevator.port": BASE + ELEVATOR.replace("servo = 2", 'servo = 2\nport = "SUB"'),
     "controls.elevator.signal is 'wish'": BASE + ELEVATOR + "signal = 'wish'\n",
     "controls.elevator.mix is missing": BASE + ELEVONS.replace("mix = [0.5, 0.5]\n", ""),
     "controls.mix over servos (1, 2) cannot distinguish": BASE + ELEVONS.replace("[0.5, -0.5]", "[0.5, 0.5]"),
