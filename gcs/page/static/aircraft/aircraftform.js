@@ -122,7 +122,8 @@ export class Form {
       return field(label, input, hint)
     }
     const several = given.servos.length > 1
-    return h('div', { class: 'grid' }, figure('servo', 'Servo output', 'From 1 to 16; the second port (AUX) goes on from 17'), list('pwm_us', 'Pulses, µs'),
+    return h('div', { class: 'grid' }, figure('servo', 'Servo output', 'From 1 to 48: AUX 1 is 17'),
+      list('pwm_us', 'Pulses, µs'),
       list('travel', name === 'throttle' ? 'Throttle there, %' : 'Deflection there, °',
         name === 'throttle' ? null : 'The sign is yours: keep it the same always'),
       several && figure('mix', 'Share', 'Of its deflection in the control’s'),
