@@ -312,5 +312,8 @@ def read_model(name_or_path: str | Path) -> Model:
     try:
         data = json.loads(text)
     except json.JSONDecodeError as error:
-        raise ModelFileError(f"{path}:{error.lineno}: not JSON: {error.msg}") from None
+        raise ModelFileError(
+            f"{path}:{error.lineno}: not JSON ({error.msg}): a model is what gcs identify --write-model wrote, or"
+            f" {' or '.join(sorted(one.name.removesuffix('.model.json') for one in BUILT_IN.glob('*.model.json')))}"
+        ) from None
     return model_from_json(data, str(path))
