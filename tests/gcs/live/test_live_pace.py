@@ -51,7 +51,7 @@ def streamed(path: Path, pace: float) -> LiveReport:
 def test_a_failure_is_the_same_at_any_pace(tmp_path: Path, failure: str, kind: str, cause: str) -> None:
     path = tmp_path / "flight.tlog"
     sim_vehicle(
-        ["fly", "--manoeuvre", "multisine", "--duration", "32", "--fail", f"{failure}@24", "--record", str(path)]
+        ["fly", "--manoeuvre", "multisine", "--duration", "36", "--fail", f"{failure}@24", "--record", str(path)]
     )
     asit = streamed(path, 1.0)
     (event,) = events_json(asit)
