@@ -5,9 +5,21 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_vehicle.jit import jit_arrays
+from sim_vehicle.jit import jit, jit_arrays
 
 Array = NDArray[np.float64]
+
+
+@jit
+def _by_all_states(slopes: Array, nf: int, output: Array, found: Array) -> None:
+    """Slopes by free states and gusts (nf + na,) as slopes by free states and states of the gusts, put into `found`."""
+    for a in range(nf):
+        found[a] = slopes[a]
+    for g in range(output.shape[1]):
+        by_gust = 0.0
+        for i in range(output.shape[0]):
+            by_gust += slopes[nf + i] * output[i, g]
+        found[nf + g] = by_gust
 
 
 @jit_arrays
@@ -43,20 +55,16 @@ def motion_and_gusts(
         Slopes of the readings by all states.
     """
     count, nf, readings, m = step_x.shape[0], step_x.shape[1], read_x.shape[0], read_x.shape[1]
-    na, ng = output.shape
+    ng = output.shape[1]
     nx = nf + ng + more
     steps, covariances = np.zeros((count, nx, nx)), np.zeros((count, nx, nx))
     observe = np.zeros((readings, m, nx))
     felt, spread = np.empty((nf, ng)), np.empty((nf, ng))
     for k in range(count):
         for a in range(nf):
-            for b in range(nf):
-                steps[k, a, b] = step_x[k, a, b]
+            _by_all_states(step_x[k, a], nf, output, steps[k, a])
             for g in range(ng):
-                whole = 0.0
-                for i in range(na):
-                    whole += step_x[k, a, nf + i] * output[i, g]
-                felt[a, g] = 0.5 * whole
+                felt[a, g] = 0.5 * steps[k, a, nf + g]
             for g in range(ng):
                 now, fresh = felt[a, g], 0.0
                 for h in range(ng):
@@ -76,11 +84,5 @@ def motion_and_gusts(
                 steps[k, nf + g, nf + h], covariances[k, nf + g, nf + h] = transition[g, h], process[g, h]
     for k in range(readings):
         for j in range(m):
-            for a in range(nf):
-                observe[k, j, a] = read_x[k, j, a]
-            for g in range(ng):
-                seen = 0.0
-                for i in range(na):
-                    seen += read_x[k, j, nf + i] * output[i, g]
-                observe[k, j, nf + g] = seen
+            _by_all_states(read_x[k, j], nf, output, observe[k, j])
     return steps, covariances, observe

@@ -195,14 +195,14 @@ def rank(problem: Problem, base: FittedModel, fits: Sequence[tuple[Candidate, Fi
     near = [i for i, gain in enumerate(gains[:_FINALISTS]) if gain > _SHARE_OF_BEST * gains[0]]
     begun = [(*fits[i], with_own_noise(problem, base, *fits[i])) for i in near]
     found: list[tuple[Candidate, FilterErrorResult]] = []
-    least = base.result.cost
+    first = base.result.cost
     for candidate, rough, own in sorted(begun, key=lambda item: item[2].cost):
         # Who has come least far with noise of its own does not catch up with who is at its end, and is not brought
         # there.
-        if base.result.cost - own.cost > _STILL_IN * (base.result.cost - least):
+        if base.result.cost - own.cost > _STILL_IN * (base.result.cost - first):
             own = _ended_from_both(problem, base, candidate, own, rough)
         found.append((candidate, own))
-        least = min(least, own.cost)
+        first = min(first, own.cost)
     least = base.result.cost
     if is_gusty(base.result):
         # Gusts far above those that are there are a hill of their own.
