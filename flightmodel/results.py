@@ -17,13 +17,13 @@ from flightmodel.aircraft import Aircraft
 from flightmodel.errors import FlightModelError
 from flightmodel.flight import Flight
 from flightmodel.optional import library
+from gcs.text.intervals import interval
 from sim_vehicle.model.model_file import Model
 
 if TYPE_CHECKING:
     from sysid.posterior.estimates import PosteriorEstimate
 
 Array = NDArray[np.float64]
-_Z95 = 1.96
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ class Identification(_Result):
 
     @property
     def stds(self) -> dict[str, float]:
-        """Coefficient -> standard error."""
+        """Coefficient -> standard error, of flight and vehicle file together."""
         return {name: one.std for name, one in self.model.coefficients.items() if one.std is not None}
 
     @property
@@ -103,6 +103,13 @@ class Identification(_Result):
         if isinstance(found, Mapping):
             raise FlightModelError(f"no modes: {found['refused']}")
         return tuple(found)
+
+    @property
+    def dimensional(self) -> Mapping[str, Any]:
+        """Dimensional derivatives about the mean airspeed, M_alpha ...: value, std and unit, as the result file has
+        them; they need neither mass nor moments of inertia.
+        """
+        return dict(self.result["dimensional"])
 
     @property
     def state_space(self) -> Mapping[str, Any]:
@@ -335,12 +342,7 @@ class Design:
 
 def _interval(entry: Mapping[str, Any]) -> tuple[float, float]:
     """95 % of an estimate; NaN where it has no standard error."""
-    if entry.get("ci95"):
-        low, high = entry["ci95"]
-        return float(low), float(high)
-    if entry.get("std") is None or entry.get("value") is None:
-        return np.nan, np.nan
-    return entry["value"] - _Z95 * entry["std"], entry["value"] + _Z95 * entry["std"]
+    return interval(entry) or (np.nan, np.nan)
 
 
 def one_flight(flights: Flight | Sequence[Flight]) -> list[Flight]:

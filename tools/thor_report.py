@@ -25,6 +25,7 @@ from scipy.signal import butter, filtfilt
 
 from gcs.analysis.postflight import read_flights
 from gcs.errors import GcsError
+from gcs.text.intervals import interval
 from sim_vehicle.model.model_file import read_model
 from sim_vehicle.vehicle.vehicle_file import Vehicle, load_vehicle
 from sysid.signals.flight import FlightData
@@ -70,12 +71,6 @@ def explained(data: FlightData, vehicle: Vehicle, density: float) -> dict[str, l
     return shares
 
 
-def interval(entry: dict[str, Any]) -> tuple[float, float]:
-    """95 % interval of a coefficient."""
-    low, high = entry.get("ci95", (entry["value"] - 1.96 * entry["std"], entry["value"] + 1.96 * entry["std"]))
-    return float(low), float(high)
-
-
 def table(found: dict[str, Any], published: dict[str, float]) -> list[str]:
     """Lines of a Markdown table: every coefficient that is published or was asked for."""
     lines = ["| coefficient | flight | 95 % interval | published |", "|---|---|---|---|"]
@@ -84,7 +79,7 @@ def table(found: dict[str, Any], published: dict[str, float]) -> list[str]:
         if "refused" in entry:
             lines.append(f"| {name} | refused | {entry['refused']} | {stated} |")
         else:
-            low, high = interval(entry)
+            low, high = interval(entry) or (np.nan, np.nan)
             lines.append(f"| {name} | {entry['value']:.4g} | {low:.4g} … {high:.4g} | {stated} |")
     return lines
 
@@ -129,7 +124,7 @@ def draw(result: dict[str, Any], published: dict[str, float], shares: dict[str, 
         if "refused" in entry:
             left.text(0.02, place, "refused", va="center", fontsize=8, transform=left.get_yaxis_transform())
             continue
-        low, high = sorted(bound / published[name] for bound in interval(entry))
+        low, high = sorted(bound / published[name] for bound in interval(entry) or (np.nan, np.nan))
         left.plot([low, high], [place, place], color="tab:blue", lw=2.0)
         left.plot(entry["value"] / published[name], place, "o", color="tab:blue", ms=4)
     left.axvline(1.0, color="black", lw=1.0)

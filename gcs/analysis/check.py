@@ -42,9 +42,7 @@ def check(
         },
     }
     try:
-        result = result_json(
-            identify(flights, craft, method="map", systematic=False, as_recorded=as_recorded, progress=progress)
-        )
+        result = result_json(identify(flights, craft, method="map", as_recorded=as_recorded, progress=progress))
     except SysidError as error:
         poor = {"verdict": "poor", "reasons": [str(error)], "axes": {}}
         warnings = [*craft.warnings, *(line for flight in flights for line in flight.warnings)]

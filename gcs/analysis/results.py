@@ -9,12 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from gcs.text.files import write_whole
+from gcs.text.intervals import interval
 from gcs.text.jsontext import dumps
-from gcs.text.nuisance_text import STATED, beside_bars, unknown_words
+from gcs.text.nuisance_text import STATED, unknown_words
 from gcs.text.probability_text import p_text, probability_text
 from gcs.text.quality import flights_words, quality_lines
-
-_Z95 = 1.96
 
 
 def _number(value: Any, digits: int = 5) -> str:
@@ -22,20 +21,17 @@ def _number(value: Any, digits: int = 5) -> str:
 
 
 def _estimate_row(name: str, entry: dict[str, Any], unit: str = "") -> str:
-    value, std = entry.get("value"), entry.get("std")
-    low, high = entry.get("ci95") or (None, None)
-    if low is None and value is not None and std is not None:
-        low, high = value - _Z95 * std, value + _Z95 * std
-    interval = f"{_number(low)} … {_number(high)}" if low is not None else ""
+    value, std, ends = entry.get("value"), entry.get("std"), interval(entry)
+    between = "" if ends is None else f"{_number(ends[0])} … {_number(ends[1])}"
     error = f"± {_number(std, 3)}" if std is not None else ""
-    parts = beside_bars(entry)
-    systematic = f"± {_number(math.hypot(*parts), 2)}" if parts else ""
-    return f"  {name:<24} {_number(value):>12} {error:<14} {interval:<26} {systematic or unit}".rstrip()
+    alone = entry.get("statistical_std")
+    own = unit if alone is None else f"± {_number(alone, 2)}"
+    return f"  {name:<24} {_number(value):>12} {error:<14} {between:<26} {own}".rstrip()
 
 
 def _model_lines(model: dict[str, Any]) -> list[str]:
     entries = model.get("coefficients", {}).values()
-    head = "systematic" if any("systematic" in entry for entry in entries) else ""
+    head = "of the flight" if any("statistical_std" in entry for entry in entries) else ""
     lines = [f"  {'name':<24} {'value':>12} {'std':<14} {'95 % interval':<26} {head}".rstrip()]
     for name, entry in model.get("coefficients", {}).items():
         if "refused" in entry:
@@ -49,11 +45,12 @@ def _model_lines(model: dict[str, Any]) -> list[str]:
 
 
 def _systematic_lines(model: dict[str, Any]) -> list[str]:
-    """What the column `systematic` means."""
+    """What std holds beside what the flight leaves open."""
     names = {name for entry in model.get("coefficients", {}).values() for name in entry.get("systematic", {})}
     stated = {name for name in names if name.endswith(STATED)}
-    lines = ["  systematic: root sum of squares of what these would do: " + ", ".join(sorted(names - stated))]
-    lines += ["  std holds what the vehicle file says of its own errors: " + ", ".join(sorted(stated))]
+    held = "  std and interval hold what"
+    lines = [f"{held} usual errors of the vehicle file change: {', '.join(sorted(names - stated))}"]
+    lines += [f"{held} the vehicle file says of its own errors: {', '.join(sorted(stated))}"]
     return [line for line, named in zip(lines, (names - stated, stated), strict=True) if named]
 
 
@@ -91,6 +88,12 @@ def _score_lines(outputs: dict[str, dict[str, Any]]) -> list[str]:
         cells = [*(_number(entry.get(column), 4) for column in columns), p_text(entry.get("gaussian_p"), 4)]
         lines.append("  " + f"{name:<12}" + "".join(f"{cell:>15}" for cell in cells))
     return lines
+
+
+def _derivative_lines(found: dict[str, dict[str, Any]]) -> list[str]:
+    """What control engineers use, and what needs neither mass nor moments of inertia."""
+    lines = [_estimate_row(name, entry, entry["unit"]) for name, entry in found.items()]
+    return ["", "dimensional derivatives about the flight's mean (per rad):", *lines] if lines else []
 
 
 def _mode_lines(modes: Any) -> list[str]:
@@ -147,6 +150,7 @@ def identification_text(result: dict[str, Any]) -> str:
     ]
     lines += _unknown_lines(result.get("nuisances") or [])
     lines += _regression_lines(result.get("regression"))
+    lines += _derivative_lines(result.get("dimensional") or {})
     lines += _mode_lines(result.get("modes"))
     by_map = result.get("method") == "map"
     if result.get("sensor_errors"):

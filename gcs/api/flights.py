@@ -22,6 +22,7 @@ from gcs.catalogue.flight_table import Flight
 from gcs.catalogue.note_table import FlightNotes
 from gcs.catalogue.result_table import FlightOutcome
 from gcs.errors import CatalogueError, GcsError, JobError
+from gcs.text.intervals import of_the_flight
 from gcs.text.utctext import utc_text
 from sim_vehicle.errors import SimVehicleError
 
@@ -207,7 +208,7 @@ def planned(service: Serving, flight_id: str) -> Planned:
         made=utc_text(plan["created_ns"]),
         gusts=float(plan["json"].get("gusts") or 0.0),
         coefficients=[
-            PlannedCoefficient(name=name, expected_std=std, reached_std=model.get(name, {}).get("std"))
+            PlannedCoefficient(name=name, expected_std=std, reached_std=of_the_flight(model.get(name, {})))
             for name, std in promised.items()
         ],
     )

@@ -24,6 +24,7 @@ from gcs.api.vehicle_schemas import (
 )
 from gcs.catalogue.aircraft_rule import STATION
 from gcs.errors import BusyError, VehicleError
+from gcs.text.intervals import of_the_flight
 from gcs.text.utctext import utc_text
 from gcs.vehicles.document import answers_of, with_answers
 from gcs.vehicles.figures import figures
@@ -161,7 +162,7 @@ def trends(service: Serving, vehicle_id: str) -> list[TrendView]:
     found: dict[str, list[Estimate]] = {}
     for model in service.catalogue.identified_with(name):
         for coefficient, entry in model["coefficients"].items():
-            value, std = entry.get("value"), entry.get("std")
+            value, std = entry.get("value"), of_the_flight(entry)
             if value is not None and std:
                 one = Estimate(model["flight"], model["title"], model["start_ns"], float(value), float(std))
                 found.setdefault(coefficient, []).append(one)

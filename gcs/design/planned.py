@@ -9,6 +9,7 @@ from typing import Any
 from gcs.design.ardupilot import lua_script
 from gcs.design.prediction import Design, Request, design
 from gcs.errors import GcsError, SettingsError
+from gcs.text.intervals import of_the_flight
 from sim_vehicle.errors import SimVehicleError
 from sim_vehicle.model.model_file import read_model
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
@@ -80,7 +81,7 @@ def _as_identified(made: Design, gusts: float) -> dict[str, Any]:
     reasons = {one.name: one for one in found.refused}
     kept, refused = [], [one for one in made.result["refused"] if one["name"] not in reasons]
     for entry in made.result["coefficients"]:
-        std = known[entry["name"]].std if entry["name"] in known else None
+        std = of_the_flight(known[entry["name"]].to_json()) if entry["name"] in known else None
         if std is None:
             why = reasons.get(entry["name"])
             reason = why.reason if why else "the simulated flight could not identify it"

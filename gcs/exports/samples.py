@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -10,22 +12,49 @@ from gcs.errors import ExportError
 from gcs.exports.exported import Exported
 from sim_vehicle.effects import EFFECTS
 from sim_vehicle.model.model_file import Coefficient, Model, ModelEffect
-from sysid.numerics.gaussian import known_from
+from sim_vehicle.vehicle.vehicle_file import Vehicle
+from sysid.problem.vehicle_errors import doubts_of_mass, heavier
+from sysid.uncertainty.total import error_parts
 
 
 def drawn(model: Exported, count: int, seed: int = 0) -> list[Exported]:
     """Models whose estimates are drawn together, with the correlations of the model file; what has no error stays.
 
-    Parameters of effects stay within the catalogue's ranges. Raises ExportError for a model without correlations.
+    Each has a mass and moments of inertia of its own, those that its coefficients were found with: a flight shows Cm
+    over Iyy. Parameters of effects stay within the catalogue's ranges. Raises ExportError for a model without
+    correlations.
     """
-    known, _ = known_from(model.model, flown=True)
-    if known is None:
+    errors = error_parts(model.model)
+    if errors is None:
         raise ExportError(
             f"{model.model.name}: no models can be drawn from it: its file has no correlations of estimates, without"
             " which standard errors claim too much; give a model or result of gcs identify"
         )
-    drawings = np.random.default_rng(seed).multivariate_normal(known.mean, known.covariance, count, method="eigh")
-    return [_with(model, dict(zip(known.names, row.tolist(), strict=True)), i) for i, row in enumerate(drawings, 1)]
+    random = np.random.default_rng(seed)
+    known = errors.known
+    rows = random.multivariate_normal(known.mean, known.covariance, count, method="eigh")
+    of_mass = doubts_of_mass(model.vehicle)
+    samples = []
+    for number, row in enumerate(rows, 1):
+        vehicle, values = model.vehicle, row.copy()
+        for source, shift in errors.shifts.items():
+            change = of_mass.get(source, {})
+            size = _of_one_sign(vehicle, change, float(random.standard_normal()))
+            values += size * shift
+            vehicle = heavier(vehicle, change, size)
+        samples.append(
+            replace(_with(model, dict(zip(known.names, values.tolist(), strict=True)), number), vehicle=vehicle)
+        )
+    return samples
+
+
+def _of_one_sign(vehicle: Vehicle, change: Mapping[str, float], size: float) -> float:
+    """So many standard deviations of an error of mass or inertia that leave it above zero: its logarithm is normal."""
+    for key in ("mass", "Ixx", "Iyy", "Izz"):
+        if change.get(key):
+            share = float(change[key] / getattr(vehicle.mass, key))
+            return math.expm1(share * size) / share
+    return size
 
 
 def _with(model: Exported, values: dict[str, float], number: int) -> Exported:

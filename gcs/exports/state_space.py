@@ -14,16 +14,14 @@ from gcs.text.files import write_whole
 from sim_vehicle.effects import EFFECTS, Remembers, Stage
 from sim_vehicle.physics.atmosphere import density
 from sysid.identification.linear_model import linearise
-from sysid.numerics.gaussian import known_from
+from sysid.uncertainty.total import error_parts
 
 
 def state_space(model: Exported) -> dict[str, Any]:
     """Matrices, names, trim and modes at the vehicle file's airspeed and height. Raises SimVehicleError for no trim."""
     flight, stated = model.vehicle.flight, model.vehicle.environment.air_density
     air = float(density(np.array(flight.altitude))) if stated is None else stated
-    known, _ = known_from(model.model, flown=True)
-    covariance = None if known is None else (known.names, known.covariance)
-    linear = linearise(model.vehicle, model.model, flight.airspeed, air, covariance)
+    linear = linearise(model.vehicle, model.model, flight.airspeed, air, error_parts(model.model))
     modes = [mode.to_json() for mode in linear.modes()]
     for mode in modes:
         # A mode that neither grows nor decays has no time constant.

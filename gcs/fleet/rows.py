@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from gcs.fleet.orders import Order
+from gcs.text.intervals import of_the_flight
 
 Row = dict[str, Any]
 _FINDINGS = {
@@ -68,7 +69,7 @@ def _about(order: Order, result: Mapping[str, Any]) -> Row:
 def _row(order: Order, result: Mapping[str, Any]) -> Row:
     row = _about(order, result)
     for name, entry in result.get("model", {}).get("coefficients", {}).items():
-        row[name], row[f"{name}_std"] = entry.get("value"), entry.get("std")
+        row[name], row[f"{name}_std"] = entry.get("value"), of_the_flight(entry)
     return row
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from gcs.report.discrepancy_figures import STAGES, shown_gaps
 from gcs.report.markup import estimate, number, p_value, probability, table, text
-from gcs.report.tables import interval
+from gcs.text.intervals import interval
 
 Result = Mapping[str, Any]
 

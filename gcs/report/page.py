@@ -77,7 +77,7 @@ def _identification(result: Result, beside: Sequence[Result]) -> str:
         section("Time histories", *map(element, histories.every(series))),
         section("Measured and predicted", paragraph(_series_words(series)), *map(element, figures.flights(series))),
         section("Residuals", *map(element, figures.residual_statistics(series))),
-        section("Modes", tables.modes(result)),
+        section("Modes", tables.modes(result), tables.derivatives(result.get("dimensional") or {})),
         section("Frequency responses", *map(element, figures.bode(result.get("frequency_responses") or []))),
         section("How it was made", tables.segments(result), _made(result)),
     )  # fmt: skip

@@ -8,15 +8,15 @@ from typing import Any
 
 from gcs.report.markup import NONE, estimate, number, p_value, shown, table, text
 from gcs.report.symbols import axis_symbol, symbol
+from gcs.text.intervals import interval
 from gcs.text.meanings import meaning
-from gcs.text.nuisance_text import STATED, beside_bars, unknown_words
+from gcs.text.nuisance_text import STATED, unknown_words
 from sim_vehicle.model.aerodynamic_terms import AXES
 
 Result = Mapping[str, Any]
-_Z95 = 1.96
 _PERTURBATIONS = {
     "mass_1pct": "mass 1 %", "inertia_5pct": "inertia 5 %", "density_2pct": "density 2 %",
-    "linkage_5pct": "linkage gain 5 %", "timing_10ms": "timing 10 ms",
+    "linkage_5pct": "linkage gain 5 %",
     "thrust_5pct": "thrust 5 %",
 }  # fmt: skip
 _SCORES = {
@@ -24,15 +24,6 @@ _SCORES = {
     "r2": "R²", "residual_mean": "residual mean", "residual_std": "residual std", "rms_over_noise": "rms / noise",
     "largest_over_noise": "largest / noise", "white": "white", "gaussian_p": "Gaussian p",
 }  # fmt: skip
-
-
-def interval(entry: Mapping[str, Any]) -> tuple[float, float] | None:
-    """The 95 % interval: the entry's own, else value ± 1.96 std; None without either."""
-    if entry.get("ci95"):
-        low, high = entry["ci95"]
-        return float(low), float(high)
-    value, std = entry.get("value"), entry.get("std")
-    return None if value is None or std is None else (value - _Z95 * std, value + _Z95 * std)
 
 
 def _estimate_cells(entry: Mapping[str, Any]) -> list[str]:
@@ -73,32 +64,39 @@ def _estimated(model: Result) -> dict[str, Mapping[str, Any]]:
 
 def coefficients(model: Result) -> str:
     """Every coefficient estimated, with its error bars."""
-    rows = []
-    known = False
-    for name, entry in _estimated(model).items():
-        moved = beside_bars(entry)
-        total = shown(math.hypot(*moved), 2) if moved else NONE
-        known |= bool(moved)
-        rows.append([_explained(name), *_estimate_cells(entry), total])
-    head = ["coefficient", "value", "± (1 σ)", "95 % interval", "relative σ", "systematic"]
-    caption = "Coefficients. σ is statistical, given the vehicle file"
-    if not known:
-        return table(caption, head[:-1], [row[:-1] for row in rows])
-    return table(f"{caption}; systematic: root sum of squares of what the next table has beside the bars", head, rows)
+    entries = _estimated(model)
+    rows = [
+        [_explained(name), *_estimate_cells(entry), number(entry.get("statistical_std"), 2)]
+        for name, entry in entries.items()
+    ]
+    head = ["coefficient", "value", "± (1 σ)", "95 % interval", "relative σ", "σ of the flight alone"]
+    if not any("statistical_std" in entry for entry in entries.values()):
+        return table("Coefficients", head[:-1], [row[:-1] for row in rows])
+    caption = "Coefficients. σ and interval hold all: what the flight leaves open, and what was taken as known"
+    return table(caption, head, rows)
 
 
 def systematic(model: Result) -> str:
-    """What errors of the vehicle file would change in each coefficient."""
+    """What was taken as known, and its part in the error of each coefficient."""
     entries = {name: entry["systematic"] for name, entry in _estimated(model).items() if entry.get("systematic")}
     causes = list(dict.fromkeys(cause for moved in entries.values() for cause in moved))
     rows = [[_named(name), *(number(moved.get(cause), 2) for cause in causes)] for name, moved in entries.items()]
     head = ["coefficient", *(_perturbation(cause) for cause in causes)]
-    return table("Systematic: what such an error of the vehicle file would change", head, rows)
+    return table("What was taken as known, and its part in σ: what such an error changes", head, rows)
+
+
+def derivatives(found: Mapping[str, Mapping[str, Any]]) -> str:
+    """Dimensional derivatives about the flight's mean."""
+    rows = [
+        [f"<code>{text(name)}</code>", *_estimate_cells(entry), text(entry["unit"])] for name, entry in found.items()
+    ]
+    caption = "Dimensional derivatives about the flight's mean: per mass or moment of inertia, which need not be known"
+    return table(caption, ["derivative", "value", "± (1 σ)", "95 % interval", "relative σ", "unit (per rad)"], rows)
 
 
 def _perturbation(cause: str) -> str:
     if cause.endswith(STATED):
-        return f"{text(cause.removesuffix(STATED).replace('_', ' '))}, as the file states it (in the bars)"
+        return f"{text(cause.removesuffix(STATED).replace('_', ' '))}, as the file states it"
     return _PERTURBATIONS.get(cause, text(cause))
 
 

@@ -32,14 +32,8 @@ _WORDS = {
 }  # fmt: skip
 
 
-# An error that the vehicle file states ends so in `systematic`; the error bars hold it already.
+# An error that the vehicle file states ends so in `systematic`; the others are usual ones.
 STATED = "_std"
-
-
-def beside_bars(entry: Mapping[str, Any]) -> list[float]:
-    """What usual errors of the vehicle file would do to an estimate beyond its error bars: its `systematic`."""
-    moved = entry.get("systematic") or {}
-    return [part for name, part in moved.items() if part is not None and not name.endswith(STATED)]
 
 
 def unknown_words(entry: Mapping[str, Any]) -> tuple[str, str, float]:

@@ -15,19 +15,20 @@ from sysid.equation_error.coefficients import body_of
 from sysid.equation_error.dead_surfaces import frozen_commands
 from sysid.errors import DivergedError, EstimationError, SysidError
 from sysid.identification.equation_error import EquationEstimate, estimate_by_equations
-from sysid.identification.linear_model import LinearModel
 from sysid.identification.moving_surfaces import with_surfaces_as_they_moved
 from sysid.identification.output_or_filter_error import MaximumLikelihood, maximum_likelihood
 from sysid.identification.output_or_filter_error import systematic as systematic_effects
 from sysid.identification.repaired_flight import FlightsRead, has_whole_imu, read_flights
 from sysid.identification.request import Request
 from sysid.identification.result_model import (
+    MeanMotion,
     equation_model,
-    linear_model,
+    mean_motion,
     refuse_unexcited,
     unique_refusals,
     validity_of,
     with_extra,
+    with_sources,
     withheld,
 )
 from sysid.numerics.threads import single_threaded
@@ -35,6 +36,7 @@ from sysid.problem.coefficient_residuals import moment_noise
 from sysid.problem.estimation_problem import Problem, Progress, free_coefficients, model_of, refusals, unbelieved
 from sysid.problem.formulation import corrected_parts, known_before, make_problem, start_model, timing_of
 from sysid.problem.model_structure import default_structure
+from sysid.problem.vehicle_errors import is_stated
 from sysid.quality.estimate_rules import SeenEstimate, with_estimate
 from sysid.quality.flight_quality import NOTHING_SEEN, Quality
 from sysid.quality.flight_rules import flights_quality
@@ -43,8 +45,9 @@ from sysid.signals.flight import FlightSignals
 from sysid.signals.preparation import MAX_STRETCH_S, Prepared, require_thrust, unmeasured_thrust
 from sysid.signals.record import SURFACES, has_positions
 from sysid.signals.sensor_errors import SENSOR_ERRORS
-from sysid.uncertainty.bench_errors import bench_errors
+from sysid.uncertainty.bench_errors import bench_errors, is_of_surfaces
 from sysid.uncertainty.reconstruction_errors import held_errors
+from sysid.uncertainty.total import with_total_errors
 from sysid.uncertainty.travel import travel_shares
 from sysid.validation.held_out import comparison, validation_of
 from sysid.validation.residual_series import ModelComparison
@@ -57,10 +60,6 @@ if TYPE_CHECKING:
 _PULLED = 4.0
 # Outputs whose errors kinematics alone determine: attitude, and the velocity of the air.
 _ALONE = ("phi", "theta", "vn", "ve", "vd")
-_GUESSED_INERTIA = (
-    "moments of inertia are those usual for mass and span, to 70 %, which the bars of this method do not hold; swing"
-    " the aircraft as a pendulum, or use --method map"
-)
 METHODS = ("auto", "map", "ee", "oe", "fe")
 
 
@@ -68,7 +67,7 @@ METHODS = ("auto", "map", "ee", "oe", "fe")
 class Identification:
     """Everything an identification found. See `result_json` for the file.
 
-    linear: the model about the flight's mean airspeed, or why there is none. compared: the model and the flights that
+    mean: the model about the flights' mean airspeed. compared: the model and the flights that
     it is judged by, or where there are none those that it comes from. posterior: what `map` estimated beside. quality:
     what all of it is worth. flown: the flights with their surfaces as they moved, where the method estimates that.
     """
@@ -82,7 +81,7 @@ class Identification:
     validation_flights: tuple[str, ...]
     likeliest: MaximumLikelihood | None
     equation_error: EquationEstimate | None
-    linear: LinearModel | str
+    mean: MeanMotion
     warnings: tuple[str, ...]
     mistakes: tuple[Mistake, ...] = ()
     compared: ModelComparison | None = None
@@ -217,7 +216,7 @@ def _identify_by_classical_method(
     found = _by_equations(posed) if method == "ee" else _by_likelihood(posed, _likeliest(posed, method))
     worth = flights_quality([one.signals for one in read.fitted], prepared, vehicle, compatible.gust_sigma)
     model, refused = withheld(found.model, found.refused, worth, asked.prior)
-    found = replace(found, model=model, refused=refused)
+    found = replace(found, model=with_total_errors(model, is_of_surfaces), refused=refused)
     mistakes = read.mistakes()
     sentences = [one.sentence for one in mistakes]
     progress(0.88, "validation" if asked.validate_on else "comparison with the measurement")
@@ -227,13 +226,12 @@ def _identify_by_classical_method(
     likeliest = found.likeliest
     left_over = "" if likeliest is None else likeliest.left_over
     misfit = "" if likeliest is None or likeliest.wider is None else likeliest.wider.warning()
-    guessed = [_GUESSED_INERTIA] if vehicle.mass.estimated else []
-    seen = SeenEstimate(found.model, found.refused, validation, {}, misfit, left_over, [*sentences, *guessed])
+    seen = SeenEstimate(found.model, found.refused, validation, {}, misfit, left_over, sentences)
     return Identification(
         tuple(prepared), compatible, found.model, found.errors,
         unique_refusals((*found.refused, *compatible.refused), found.errors), validation,
         tuple(flight.name for flight in asked.validate_on), found.likeliest, found.equations,
-        linear_model(vehicle, found.model, prepared, compatible, found.likeliest),
+        mean_motion(vehicle, found.model, prepared, compatible),
         tuple(dict.fromkeys((*posed.warnings, *found.warnings, *sentences, *read.judged_warnings()))), mistakes,
         compared, None, with_estimate(worth, seen),
     )  # fmt: skip
@@ -251,7 +249,7 @@ def _by_posterior(asked: Request, read: FlightsRead, known: CompatibilityResult 
     found = identify_by_posterior(read.fitted, asked, known)
     worth = flights_quality(found.signals, found.prepared, vehicle, found.compatible.gust_sigma)
     model, refused = withheld(found.model, found.refused, worth, asked.prior)
-    found = replace(found, model=model, refused=tuple(refused))
+    found = replace(found, model=with_total_errors(model, is_stated), refused=tuple(refused))
     # Kinematics determine zeros and gains of air data and IMU in air without gusts alone; the estimate has its own.
     errors = {
         **{name: one for name, one in _kinematic_errors(found.compatible).items() if SENSOR_ERRORS[name][0] in _ALONE},
@@ -280,7 +278,7 @@ def _by_posterior(asked: Request, read: FlightsRead, known: CompatibilityResult 
         found.prepared, found.compatible, found.model, errors,
         unique_refusals((*found.refused, *found.compatible.refused), errors), validation,
         tuple(flight.name for flight in asked.validate_on), None, None,
-        linear_model(vehicle, found.model, found.prepared, found.compatible, None),
+        mean_motion(vehicle, found.model, found.prepared, found.compatible),
         tuple(dict.fromkeys((*warnings, *read.judged_warnings()))), mistakes, compared, found.estimate,
         with_estimate(worth, seen), tuple(flown),
     )  # fmt: skip
@@ -350,7 +348,7 @@ def _by_equations(posed: _ClassicalProblem) -> _ClassicalResult:
     )  # fmt: skip
     refused = [*posed.refused, *equations.refused]
     model = equation_model(posed.start, equations, refused, validity_of(posed.prepared, compatible))
-    model = with_extra(model, "systematic", equations.systematic)
+    model = with_sources(model, equations.systematic)
     return _ClassicalResult(model, _kinematic_errors(compatible), refused, equations.warnings, equations=equations)
 
 
@@ -395,7 +393,7 @@ def _by_likelihood(posed: _ClassicalProblem, likeliest: MaximumLikelihood) -> _C
         asked.progress(0.85, "systematic errors")
         moved = systematic_effects(likeliest, start, names, free_effects)
     moved = {name: {**moved.get(name, {}), **stated} for name, stated in linkages.items()}
-    model = with_extra(model, "systematic", moved)
+    model = with_sources(model, moved)
     likeliest = replace(likeliest, linearised=None)  # its sensitivities are large, and have served
     unclear = {refusal.name for refusal in (*likeliest.refused, *compatible.refused)}
     errors = {name: error for name, error in _kinematic_errors(compatible).items() if name not in unclear}

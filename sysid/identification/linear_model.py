@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import eig
+from scipy.linalg import block_diag, eig
 
 from sim_vehicle.errors import TrimError, VehicleFileError
 from sim_vehicle.flight.plant import Plant
@@ -26,6 +26,8 @@ from sim_vehicle.vehicle.propulsion import Propulsion
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.problem.model_structure import is_longitudinal, usual_size
+from sysid.problem.vehicle_errors import DENSITY, DENSITY_SHARE, doubts_of_mass, heavier
+from sysid.uncertainty.total import ErrorParts
 
 Complex = NDArray[np.complex128]
 
@@ -39,6 +41,8 @@ _STILL = np.zeros(3)
 # largest, is rounding.
 _STEP = 1e-5
 _COEFFICIENT_STEP = 1e-4
+# Of one standard deviation of what was taken as known.
+_SOURCE_STEP = 1e-3
 _ROUNDING = 1e-10
 # Cosine between an eigenvalue's left and right eigenvector, 0 where it coincides with another one's and has no slope;
 # rounding makes it the square root of its own size.
@@ -118,7 +122,8 @@ class Mode:
 class LinearModel:
     """The state space of a model with its derivatives with respect to the coefficients.
 
-    names: coefficients, (P,). covariance: (P, P). slopes: per coefficient the derivatives of (A, B, C, D).
+    names: coefficients, and what was taken as known, in standard deviations, (P,). covariance: (P, P). slopes: by each
+    of them the derivatives of (A, B, C, D).
     known: whether longitudinal and lateral motion are known at all.
     """
 
@@ -233,9 +238,12 @@ def linearise(
     model: Model,
     airspeed: float,
     density: float,
-    covariance: tuple[Sequence[str], Array] | None = None,
+    errors: ErrorParts | None = None,
 ) -> LinearModel:
     """The model about steady level flight, with the standard errors of its coefficients.
+
+    What was taken as known moves the coefficients and the aircraft together: a flight shows Cm over Iyy, and the motion
+    is as well known as that, however little is known of Iyy.
 
     A coefficient that was refused counts by the mean and standard error of its estimate; without one it counts as 0,
     with its usual size as standard error.
@@ -250,9 +258,9 @@ def linearise(
         True airspeed of the steady flight, m/s.
     density : float
         Air density, kg/m^3.
-    covariance : tuple of (Sequence[str], Array), optional
-        Names of M coefficients and their covariance, shape (M, M), dimensionless; without it the standard errors of the
-        model stand alone.
+    errors : ErrorParts, optional
+        Errors of the M estimates that the model flies by, dimensionless; without them the standard errors of the model
+        stand alone.
 
     Returns
     -------
@@ -289,22 +297,43 @@ def linearise(
         system = replace(system, inputs=INPUTS[:3], B=system.B[:, :3], D=system.D[:, :3])
     names = [name for name, entry in whole.coefficients.items() if entry.std]
     spread = np.diag([float(whole.coefficients[name].std or 0.0) ** 2 for name in names])
-    if covariance is not None:
-        known = {name: i for i, name in enumerate(covariance[0])}
+    places: list[int] = []
+    here: list[int] = []
+    if errors is not None:
+        known = {name: i for i, name in enumerate(errors.known.names)}
         here = [i for i, name in enumerate(names) if name in known and model.coefficients[name].flown is not None]
-        there_places = [known[names[i]] for i in here]
-        spread[np.ix_(here, here)] = covariance[1][np.ix_(there_places, there_places)]
+        places = [known[names[i]] for i in here]
+        spread[np.ix_(here, here)] = errors.known.covariance[np.ix_(places, places)]
     # Both sides of a difference take the same steps, so that what a coefficient does not touch cancels to the last bit.
     base, _ = _state_space(there, whole, airspeed, density, trim)
+
+    def slope(vehicle: Vehicle, changed: Model, density: float, step: float) -> tuple[Array, Array, Array, Array]:
+        moved, _ = _state_space(vehicle, changed, airspeed, density, trim)
+        pairs = zip(_matrices(moved), _matrices(base), strict=True)
+        a, b, c, d = ((after - before) / step for after, before in pairs)
+        return a, b[:, : len(system.inputs)], c, d[:, : len(system.inputs)]
+
     slopes = []
     for name in names:
         value = whole.values()[name]
         step = _COEFFICIENT_STEP * max(abs(value), usual_size(name))
-        moved, _ = _state_space(there, whole.with_coefficient(name, value + step), airspeed, density, trim)
-        pairs = zip(_matrices(moved), _matrices(base), strict=True)
-        a, b, c, d = ((after - before) / step for after, before in pairs)
-        slopes.append((a, b[:, : len(system.inputs)], c, d[:, : len(system.inputs)]))
-    return LinearModel(system, tuple(names), spread, tuple(slopes), (motion_known[True], motion_known[False]))
+        slopes.append(slope(there, whole.with_coefficient(name, value + step), density, step))
+    of_mass, sources = doubts_of_mass(vehicle), {} if errors is None else errors.shifts
+    for source, shift in sources.items():
+        changed = whole
+        for i, place in zip(here, places, strict=True):
+            moved_to = whole.values()[names[i]] + _SOURCE_STEP * float(shift[place])
+            changed = changed.with_coefficient(names[i], moved_to)
+        denser = density * (1.0 + (DENSITY_SHARE * _SOURCE_STEP if source == DENSITY else 0.0))
+        other = replace(
+            heavier(there, of_mass.get(source, {}), _SOURCE_STEP),
+            environment=replace(there.environment, air_density=denser),
+        )
+        slopes.append(slope(other, changed, denser, _SOURCE_STEP))
+    return LinearModel(
+        system, (*names, *sources), block_diag(spread, np.eye(len(sources))), tuple(slopes),
+        (motion_known[True], motion_known[False]),
+    )  # fmt: skip
 
 
 def _any_thrust(vehicle: Vehicle) -> Propulsion:

@@ -102,7 +102,7 @@ def _identified(
         parts, vehicle, structure, effects, before, asked.systematic, dead, asked.within(0.3, 0.8).progress
     )
     given = {} if before is None else before.entries()
-    refused = refusals_of(found, structure, thrust_known(parts, vehicle), vehicle.mass.estimated, tuple(given))
+    refused = refusals_of(found, structure, thrust_known(parts, vehicle), tuple(given))
     model = with_extra(_model(structure, vehicle.name, found, refused, parts), "systematic", found.systematic())
     model = with_thrust_line(model, found)
     words = [*_product_words(vehicle, found), *_moving_words(found), *_prior_words(found, given)]
@@ -199,7 +199,6 @@ def refusals_of(
     found: PosteriorEstimate,
     structure: Model,
     thrust: bool,
-    estimated_inertia: bool = False,
     given: Sequence[str] = (),
 ) -> list[Refusal]:
     """Coefficients that the flights cannot identify, each with the reason. given: those that a prior model holds, whose
@@ -210,10 +209,10 @@ def refusals_of(
         for name in found.unexcited
     ]
     joint, identified = found.joint, set(found.joint.names)
-    # What is guessed of the inertia moves all moment coefficients of an axis together: their ratios, and the modes, are
-    # known all the same, and the bars say the rest.
+    # What is not known of the inertia moves all moment coefficients of an axis together: their ratios, and the modes,
+    # are known all the same, and the bars say the rest.
     moved = found.systematic()
-    shared = inertia_shares(moved) if estimated_inertia else {}
+    shared = inertia_shares(moved)
     # So are ratios of what one surface does, whatever its travel.
     travel = travel_shares(moved)
     for i, name in enumerate(joint.names):

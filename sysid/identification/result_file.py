@@ -54,6 +54,7 @@ def result_json(found: Identification) -> dict[str, Any]:
         "mistakes": [one.to_json() for one in found.mistakes],
         **_method(found),
         "model": found.model.to_json(),
+        "dimensional": found.mean.derivatives,
         **_linear(found),
         **({} if found.equation_error is None else {"regression": found.equation_error.report}),
         "quality": found.quality.to_json(),
@@ -61,7 +62,10 @@ def result_json(found: Identification) -> dict[str, Any]:
         **_series(found),
         "refused": [refusal.to_json() for refusal in found.refused],
         "segments": list({(s["flight"], s["start"]): s for s in segments}.values()),
-        "warnings": [*found.warnings, *(found.linear.left_out() if not isinstance(found.linear, str) else ())],
+        "warnings": [
+            *found.warnings,
+            *(found.mean.linear.left_out() if not isinstance(found.mean.linear, str) else ()),
+        ],
     }
     clean: dict[str, Any] = finite_json(result)
     return clean
@@ -93,7 +97,7 @@ def _method(found: Identification) -> dict[str, Any]:
 
 def _linear(found: Identification) -> dict[str, Any]:
     """Modes, state space and frequency responses about the flight's mean airspeed, or why there are none."""
-    linear = found.linear
+    linear = found.mean.linear
     if isinstance(linear, str):
         return {"modes": {"refused": linear}, "state_space": None, "frequency_responses": []}
     measured = measured_json(found.flown or found.flights, RESPONSES)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Container, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,13 +14,15 @@ from sim_vehicle.model.model_file import Coefficient, Correlation, Model
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.compatibility.reconstruction import CompatibilityResult, Refusal
 from sysid.equation_error.dead_surfaces import part_of
+from sysid.identification.dimensional import dimensional_derivatives
 from sysid.identification.equation_error import EquationEstimate
 from sysid.identification.linear_model import LinearModel, linearise
-from sysid.identification.output_or_filter_error import MaximumLikelihood
 from sysid.problem.estimation_problem import coefficient_entries, flying
 from sysid.problem.model_structure import helpful_manoeuvre, is_longitudinal
 from sysid.quality.flight_quality import Quality
 from sysid.signals.preparation import Prepared
+from sysid.uncertainty.systematic import LATE
+from sysid.uncertainty.total import error_parts
 
 
 def unique_refusals(refused: Sequence[Refusal], estimated: Mapping[str, object]) -> tuple[Refusal, ...]:
@@ -66,33 +69,36 @@ def _without(known: Correlation | None, names: Container[str]) -> Correlation | 
     return Correlation(tuple(known.names[i] for i in place), rows) if place else None
 
 
-def linear_model(
-    vehicle: Vehicle,
-    model: Model,
-    prepared: Sequence[Prepared],
-    compatible: CompatibilityResult,
-    likeliest: MaximumLikelihood | None,
-) -> LinearModel | str:
-    """The model about the flights' mean airspeed and density, or in words why it cannot be had."""
+@dataclass(frozen=True)
+class MeanMotion:
+    """A model about the flights' mean airspeed and density: linear, or in words why it cannot be had, and its
+    dimensional derivatives (sysid.identification.dimensional).
+    """
+
+    linear: LinearModel | str
+    derivatives: Mapping[str, Mapping[str, float | str]]
+
+
+def mean_motion(
+    vehicle: Vehicle, model: Model, prepared: Sequence[Prepared], compatible: CompatibilityResult
+) -> MeanMotion:
+    """The model about the flights' mean airspeed and density."""
     airspeed = float(np.mean(np.concatenate([states["V"] for states in compatible.states])))
     stretches = [stretch for flight in prepared for stretch in flight.stretches]
     density = float(np.mean(np.concatenate([stretch.record.rho for stretch in stretches])))
-    covariance = None
-    if likeliest is not None:
-        result = likeliest.estimate
-        names = [parameter.name for parameter in result.parameters]
-        covariance = (names, result.covariance[: len(names), : len(names)])
+    errors = error_parts(model)
+    derivatives = dimensional_derivatives(vehicle, model, airspeed, density, errors)
     try:
-        return linearise(vehicle, model, airspeed, density, covariance)
+        return MeanMotion(linearise(vehicle, model, airspeed, density, errors), derivatives)
     except SimVehicleError as error:
-        return str(error)
+        return MeanMotion(str(error), derivatives)
 
 
 def with_extra(model: Model, key: str, found: Mapping[str, Mapping[str, float]]) -> Model:
     """The model with something reported beside each estimate under `key`."""
 
     def beside(name: str, entry: Coefficient) -> Coefficient:
-        if entry.value is None or not found.get(name):
+        if entry.flown is None or not found.get(name):
             return entry
         return replace(entry, extra={**entry.extra, key: dict(found[name])})
 
@@ -102,6 +108,20 @@ def with_extra(model: Model, key: str, found: Mapping[str, Mapping[str, float]])
     )
     entries = {name: beside(name, entry) for name, entry in model.coefficients.items()}
     return replace(model, coefficients=entries, effects=effects)
+
+
+def with_sources(model: Model, found: Mapping[str, Mapping[str, float]]) -> Model:
+    """The model with `systematic` beside each estimate: what usual or stated errors of the vehicle file change.
+
+    Late commands are none of them, for nothing says that they are late: what they would change stands apart, as `late`.
+    """
+    known = {name: {k: v for k, v in shifts.items() if k != LATE.name} for name, shifts in found.items()}
+    late = {
+        name: {LATE.name: shifts[LATE.name]}
+        for name, shifts in found.items()
+        if math.isfinite(shifts.get(LATE.name, math.nan))
+    }
+    return with_extra(with_extra(model, "systematic", known), "late", late)
 
 
 def refuse_unexcited(structure: Sequence[str], names: Sequence[str], dead: Sequence[str] = ()) -> list[Refusal]:

@@ -110,7 +110,7 @@ def estimate_window(
     except SysidError as error:
         return WindowEstimate(begin_s, end_s, time.process_time() - began, {}, problem=str(error))
     known = thrust_known(parts, vehicle)
-    refused = {one.name: one for one in refusals_of(found, structure, known, vehicle.mass.estimated)}
+    refused = {one.name: one for one in refusals_of(found, structure, known)}
     std = np.sqrt(np.diag(found.joint.covariance))
     values = dict(zip(found.joint.names, zip(found.joint.mean.tolist(), std.tolist(), strict=True), strict=True))
     statuses = {}

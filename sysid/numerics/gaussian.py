@@ -16,8 +16,9 @@ import numpy as np
 from sim_vehicle.model.model_file import Coefficient, Correlation, Model
 from sysid.arrays import Array
 
-# Correlations are written with this many decimals.
-_DECIMALS = 6
+# Correlations are written with this many decimals: a guessed inertia is a hundred times what the flight leaves open,
+# and what remains without it is a difference. Files of before have fewer.
+_DECIMALS, _FEW_DECIMALS = 12, 6
 
 
 @dataclass(frozen=True)
@@ -115,9 +116,11 @@ def known_from(model: Model, *, flown: bool = False) -> tuple[Gaussian | None, s
         )
     place = [i for i, name in enumerate(block.names) if name in estimated]
     names = tuple(block.names[i] for i in place)
-    values, vectors = np.linalg.eigh(np.array(block.matrix)[np.ix_(place, place)])
+    written = np.array(block.matrix)[np.ix_(place, place)]
+    decimals = _FEW_DECIMALS if np.array_equal(written, written.round(_FEW_DECIMALS)) else _DECIMALS
+    values, vectors = np.linalg.eigh(written)
     # Rounding may have made a nearly singular matrix indefinite; what lies below its error is not known.
-    matrix = (vectors * np.maximum(values, len(names) * 10.0**-_DECIMALS)) @ vectors.T
+    matrix = (vectors * np.maximum(values, len(names) * 10.0**-decimals)) @ vectors.T
     std = np.array([entries[name].flown_std for name in names], dtype=np.float64)
     mean = np.array([entries[name].flown for name in names], dtype=np.float64)
     left_out = sorted(set(estimated) - set(names))

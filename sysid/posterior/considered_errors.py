@@ -6,18 +6,19 @@ H^-1 J' S^-1 dy (consider analysis: Bierman, Factorization Methods for Discrete 
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
 from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS
 from sim_vehicle.vehicle.vehicle_file import Vehicle, stronger
 from sysid.posterior.group_model import PerturbedInputs
+from sysid.problem.vehicle_errors import DENSITY, DENSITY_SHARE, doubts_of_mass, heavier, is_stated
 from sysid.signals.record import SURFACES
 
 _OUTPUTS = {"accelerometer": ("ax", "ay", "az"), "gyro": ("p", "q", "r")}
-# Half as much inertia again is another aircraft: a twentieth of the error, twenty times.
-_PARTS = 20.0
-_INERTIA = ("Ixx", "Iyy", "Izz", "Ixz")
+# Half as much inertia again is another aircraft, and the change of its motion is no line: a thousandth of the error, a
+# thousand times.
+_PARTS = 1000.0
 
 
 @dataclass(frozen=True)
@@ -36,14 +37,10 @@ class ConsiderParameter:
 
 def doubts_of(vehicle: Vehicle, thrust_measured: bool) -> tuple[ConsiderParameter, ...]:
     """Doubts of a vehicle; thrust_measured: whether it was measured in the flight."""
-    mass = vehicle.mass
-    found = [_mass("mass", mass.mass_std)] if mass.mass_std is not None else [_shares("mass_1pct", ("mass",), 0.01)]
-    stated = [(key, getattr(mass, f"{key}_std")) for key in _INERTIA]
-    found += [_mass(key, std) for key, std in stated if std is not None]
-    usual = tuple(key for key, std in stated if std is None)
-    if len(usual) >= len(_INERTIA) - 1:  # the product alone says nothing of the moments
-        found.append(_shares("inertia_5pct", usual, 0.05))
-    found.append(ConsiderParameter("density_2pct", False, lambda vehicle: PerturbedInputs(vehicle, density=1.02)))
+    found = [_mass(name, change) for name, change in doubts_of_mass(vehicle).items()]
+    found.append(
+        ConsiderParameter(DENSITY, False, lambda vehicle: PerturbedInputs(vehicle, density=1.0 + DENSITY_SHARE))
+    )
     found += _linkages(vehicle)
     for name, outputs in _OUTPUTS.items():
         if std := vehicle.sensors[name].scale_std:
@@ -61,20 +58,11 @@ def flow_doubts(name: str, scale: float, zero: float) -> tuple[ConsiderParameter
     )
 
 
-def _mass(key: str, std: float) -> ConsiderParameter:
+def _mass(name: str, change: Mapping[str, float]) -> ConsiderParameter:
     def changed(vehicle: Vehicle) -> PerturbedInputs:
-        more = getattr(vehicle.mass, key) + std / _PARTS
-        return PerturbedInputs(replace(vehicle, mass=replace(vehicle.mass, **{key: more})))
+        return PerturbedInputs(heavier(vehicle, change, 1.0 / _PARTS))
 
-    return ConsiderParameter(f"{key}_std", True, changed, _PARTS)
-
-
-def _shares(name: str, keys: tuple[str, ...], share: float) -> ConsiderParameter:
-    def changed(vehicle: Vehicle) -> PerturbedInputs:
-        more = {key: (1.0 + share) * getattr(vehicle.mass, key) for key in keys}
-        return PerturbedInputs(replace(vehicle, mass=replace(vehicle.mass, **more)))
-
-    return ConsiderParameter(name, False, changed)
+    return ConsiderParameter(name, is_stated(name), changed, _PARTS)
 
 
 def _linkages(vehicle: Vehicle) -> list[ConsiderParameter]:

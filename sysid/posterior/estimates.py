@@ -15,6 +15,7 @@ from sysid.posterior.estimator import Posterior, PosteriorResult
 from sysid.posterior.group_model import OF_SURFACES
 from sysid.posterior.nuisance_priors import MOVING_MASS, PRODUCT_INERTIA
 from sysid.posterior.reported_spectrum import NoiseSpectrum
+from sysid.problem.vehicle_errors import is_stated
 from sysid.signals.sensor_errors import SENSOR_ERRORS
 
 _SURFACE_WORDS = {signal: name for name, signal in DEFLECTION_SIGNALS.items()}
@@ -156,7 +157,15 @@ def joint_of(found: Mapping[str, GroupEstimate]) -> tuple[Gaussian, dict[str, fl
         values.append(theta)
         blocks.append(result.covariance[:count, :count])
         prior |= dict(zip(result.names[:count], result.prior_std[:count].tolist(), strict=True))
+    # What the groups of axes share is what was taken as known: their bars hold what the vehicle file states of it.
     covariance = np.zeros((len(names), len(names)))
+    results = [one.result for one in found.values()]
+    for doubt in dict.fromkeys(doubt for one in results for doubt in one.systematic if is_stated(doubt)):
+        shift = [
+            one.systematic.get(doubt, np.zeros(len(one.names)))[: block.shape[0]]
+            for one, block in zip(results, blocks, strict=True)
+        ]
+        covariance += np.outer(np.concatenate(shift), np.concatenate(shift))
     begin = 0
     for block in blocks:
         here = slice(begin, begin + block.shape[0])

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -27,6 +28,7 @@ from sysid.numerics.normal_equations import damped_step, gram
 from sysid.output_error.from_problem import build, fit, warmed
 from sysid.output_error.linearisation import OutputErrorLinearisation
 from sysid.problem.estimation_problem import Problem
+from sysid.problem.vehicle_errors import DENSITY, DENSITY_SHARE, doubts_of_mass, heavier
 from sysid.signals.record import SURFACES, Record, angle_wrap
 from sysid.signals.thrust_source import THRUST_BY_SQUARE
 
@@ -43,18 +45,8 @@ class Perturbation:
     record: Callable[[Record], Record] = lambda record: record
 
 
-def _heavier(vehicle: Vehicle) -> Vehicle:
-    return replace(vehicle, mass=replace(vehicle.mass, mass=(1.0 + 0.01 * SHARE) * vehicle.mass.mass))
-
-
-def _slower_to_turn(vehicle: Vehicle) -> Vehicle:
-    mass = vehicle.mass
-    inertia = {name: (1.0 + 0.05 * SHARE) * getattr(mass, name) for name in ("Ixx", "Iyy", "Izz", "Ixz")}
-    return replace(vehicle, mass=replace(mass, **inertia))
-
-
 def _denser(record: Record) -> Record:
-    return replace(record, rho=(1.0 + 0.02 * SHARE) * record.rho)
+    return replace(record, rho=(1.0 + DENSITY_SHARE * SHARE) * record.rho)
 
 
 def _more_travel(record: Record) -> Record:
@@ -78,11 +70,7 @@ def _later_commands(record: Record) -> Record:
     return replace(record, commands=commands, positions=positions)
 
 
-_LINEAR = (
-    Perturbation("mass_1pct", vehicle=_heavier),
-    Perturbation("inertia_5pct", vehicle=_slower_to_turn),
-    Perturbation("density_2pct", record=_denser),
-)
+_DENSITY = Perturbation(DENSITY, record=_denser)
 # Where the vehicle file does not say how well linkages are known: the bars hold what it says.
 LINKAGE = Perturbation("linkage_5pct", record=_more_travel)
 # Where thrust is not measured; a propeller's published coefficients hold to about this for the next one of its kind.
@@ -98,7 +86,12 @@ _LEAST_INFORMATION = 0.3
 def linear(vehicle: Vehicle) -> tuple[Perturbation, ...]:
     """Those that move the estimate linearly, whatever the thrust came from."""
     controls = [one for name, one in vehicle.controls.items() if DEFLECTION_SIGNALS[name] in SURFACES]
-    return _LINEAR if any(one.gain_std or one.bias_std for one in controls) else (*_LINEAR, LINKAGE)
+    of_mass = [
+        Perturbation(name, vehicle=partial(heavier, by=change, share=SHARE))
+        for name, change in doubts_of_mass(vehicle).items()
+    ]
+    unstated = not any(one.gain_std or one.bias_std for one in controls)
+    return (*of_mass, _DENSITY, *((LINKAGE,) if unstated else ()))
 
 
 def perturbations(vehicle: Vehicle, records: Sequence[Record]) -> tuple[Perturbation, ...]:

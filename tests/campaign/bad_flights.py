@@ -14,6 +14,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
 
 from bad_flights import cases
+from own_bars import own_bar
 from simulated import fly_mav
 
 from sim_vehicle.model.model_file import read_model
@@ -35,7 +36,7 @@ def outcome(name: str, signals: FlightSignals, true: dict[str, float]) -> tuple[
     json.dumps(result_json(found), allow_nan=False)
     given = {name: entry for name, entry in found.model.coefficients.items() if entry.value is not None}
     off = {
-        name: (entry.value - true.get(name, 0.0)) / entry.std
+        name: (entry.value - true.get(name, 0.0)) / own_bar(entry)
         for name, entry in given.items()
         if entry.value is not None and entry.std is not None
     }

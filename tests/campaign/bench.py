@@ -15,6 +15,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
 
+from own_bars import own_bar
 from simulated import fly_mav
 
 from sim_vehicle.model.model_file import read_model
@@ -60,8 +61,9 @@ def main() -> None:
                 continue
             error = entry.value - true.get(name, 0.0)
             bench = sum(share**2 for share in entry.extra.get("bench", {}).values())
-            flight = max(entry.std**2 - bench, 1e-30) ** 0.5
-            scores.setdefault(name, []).append((error / entry.std, error / flight))
+            bar = own_bar(entry)
+            flight = max(bar**2 - bench, 1e-30) ** 0.5
+            scores.setdefault(name, []).append((error / bar, error / flight))
         print(f"seed {seed + 1} of {seeds}", file=sys.stderr, flush=True)
     print(f"{'':<12}{'rms z':>8}{'covered':>9}{'rms z without bench':>22}{'covered':>9}")
     pooled = [score for of_one in scores.values() for score in of_one]

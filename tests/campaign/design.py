@@ -14,6 +14,7 @@ import warnings
 from dataclasses import dataclass
 
 import numpy as np
+from own_bars import own_bar
 
 from sim_vehicle.model.model_file import read_model
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
@@ -59,7 +60,7 @@ def run(name: str, seeds: int) -> bool:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             found = identify([signals], vehicle, structure=model, systematic=False).model.coefficients
-        row = [(np.nan, np.nan) if (e := found[n]).value is None else (e.value, e.std) for n in names]
+        row = [(np.nan, np.nan) if (e := found[n]).value is None else (e.value, own_bar(e)) for n in names]
         values, errors = np.array(row, dtype=np.float64).T
         misses.append((values - truth) / std)
         reported.append(errors / std)

@@ -30,6 +30,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
 from field_flight import FAMILIES, STEPS, STOCK_RATES, FieldFlight, field_flight
 from field_least_squares import least_squares
 from other_engine import version
+from own_bars import own_bar
 
 from sysid.errors import SysidError
 from sysid.identify import identify
@@ -61,7 +62,7 @@ def estimate(flight: FieldFlight, method: str) -> dict[str, tuple[float, float]]
         return least_squares(flight.signals, flight.vehicle)
     found = identify([flight.signals], flight.vehicle, method=method)
     return {
-        name: (entry.value, entry.std)
+        name: (entry.value, own_bar(entry))
         for name, entry in found.model.coefficients.items()
         if entry.value is not None and entry.std is not None
     }

@@ -30,6 +30,7 @@ from tables import overview, render
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
 
+from own_bars import own_bar
 from table_two import with_table_two
 
 import sysid.identification.identify as estimator
@@ -91,8 +92,8 @@ def estimates_of(found: estimator.Identification, scenario: Scenario) -> dict[st
     told: dict[str, list[float]] = {}
     for name, entry in found.model.coefficients.items():
         if entry.value is not None and entry.std is not None:
-            low, high = entry.extra.get("ci95", (entry.value - 1.96 * entry.std, entry.value + 1.96 * entry.std))
-            told[name] = [entry.value, entry.std, low, high]
+            bar = own_bar(entry)
+            told[name] = [entry.value, bar, entry.value - 1.96 * bar, entry.value + 1.96 * bar]
     errors = found.sensor_errors if found.posterior is None else found.posterior.sensor_errors()
     for name, (value, std, *_) in errors.items():
         if scenario.sensors is None or name in scenario.sensors:

@@ -25,6 +25,7 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).parent.parent / "support"))
 
 import numpy as np
+from own_bars import own_bar
 from signal_mistakes import Injection, injections
 from simulated import fly_mav
 
@@ -94,7 +95,7 @@ def told(flight: FlightSignals, vehicle: str) -> Told:
             mine = [name for name in signals if one.group == "both" or (name in LATERAL) == (one.group == "lateral")]
             findings += [_finding(kind, name, f"{one.name} {one.value:.3g}") for name in mine]
     entries = found.model.coefficients.items()
-    values = {n: (e.value, e.std) for n, e in entries if e.value is not None and e.std is not None}
+    values = {n: (e.value, own_bar(e)) for n, e in entries if e.value is not None and e.std is not None}
     return Told("", findings, values)
 
 

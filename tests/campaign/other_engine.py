@@ -24,6 +24,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
 
 from jsbsim_flight import NOISE, Aircraft, fly, linear_aircraft, measure, slopes, table_aircraft
+from own_bars import own_bar
 
 from sim_vehicle.model.model_file import Coefficient, Model
 from sysid.errors import SysidError
@@ -98,7 +99,9 @@ def one(scenario: str, seed: int) -> dict[str, Any]:
     line["seconds"] = time.process_time() - began
     line["bound"] = bounds(found, aircraft, truth, hidden)
     line["estimate"] = {
-        name: [entry.value, entry.std] for name, entry in found.model.coefficients.items() if entry.value is not None
+        name: [entry.value, own_bar(entry)]
+        for name, entry in found.model.coefficients.items()
+        if entry.value is not None
     }
     line["refused"] = [refusal.name for refusal in found.refused]
     line["warnings"] = list(found.warnings)

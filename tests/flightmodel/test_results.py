@@ -11,6 +11,7 @@ import pytest
 
 from flightmodel import Aircraft, Flight, FlightModelError, Identification, design, discrepancy, identify, simulate
 from sim_vehicle.model.model_file import Coefficient, read_model
+from sim_vehicle.vehicle.vehicle_file import load_vehicle
 
 pytestmark = pytest.mark.whole_flight
 
@@ -52,6 +53,14 @@ def test_a_result_fits_a_screen_and_has_what_engineers_ask_of_it(result: Identif
     assert max(map(len, shown)) <= 100
     assert {str(one["name"]) for one in result.modes} >= {"short period", "Dutch roll"}
     assert np.array(result.state_space["A"]).shape == (len(result.state_space["states"]),) * 2
+    pitch, unit = result.dimensional["M_alpha"], result.dimensional["M_alpha"]["unit"]
+    # By hand: the moment of the mean dynamic pressure over Iyy.
+    system, aircraft = result.state_space, load_vehicle("ultrastick25e")
+    pressure = 0.5 * system["air_density"] * system["airspeed"] ** 2
+    moment = pressure * aircraft.geometry.S * aircraft.geometry.c / aircraft.mass.Iyy
+    assert pitch["value"] == pytest.approx(moment * result.values["Cm_alpha"], rel=0.01)
+    assert unit == "1/s^2"
+    assert pitch["std"] / abs(pitch["value"]) < 0.5 * result.stds["Cm_alpha"] / abs(result.values["Cm_alpha"])
     names, covariance = result.covariance
     assert covariance.shape == (len(names),) * 2
     assert np.sqrt(np.diag(covariance)) == pytest.approx([result.stds[name] for name in names])

@@ -11,6 +11,7 @@ from typing import Any, NoReturn
 import other_aircraft
 import pytest
 from other_aircraft import BIASES, TRUTH, VEHICLE, Row, write_tlog
+from own_bars import own_bar
 from pymavlink import mavutil
 
 from gcs.cli import main
@@ -82,7 +83,7 @@ def test_a_foreign_log_gives_the_aircraft_that_flew(
     assert result["warnings"] == []
     found = result["model"]["coefficients"]
     for name in TRUTH:
-        limit = max(4.0 * found[name]["std"], 0.03 * abs(TRUTH[name]))
+        limit = max(4.0 * own_bar(found[name]), 0.03 * abs(TRUTH[name]))
         assert found[name]["value"] == pytest.approx(TRUTH[name], abs=limit), name
         assert found[name]["value"] == pytest.approx(TRUTH[name], rel=0.1), name  # however wide its own error is
     for name, value in BIASES.items():
@@ -208,7 +209,7 @@ def test_check_says_what_a_log_is_worth_and_what_to_do_better(
     assert found["senders"]["HIGHRES_IMU"]["type"] == "fixed wing"
     assert found["rates"]["HIGHRES_IMU"]["q"] == pytest.approx(50.0, abs=0.1)
     told = found["expected"]["Cm_alpha"]
-    assert abs(told["value"] - TRUTH["Cm_alpha"]) < 4.0 * told["std"]
+    assert abs(told["value"] - TRUTH["Cm_alpha"]) < 4.0 * own_bar(told)
 
     mute = folder / "mute.tlog"
     write_tlog(mute, rows[:600], "HIGHRES_IMU", 0.0, lambda message: message.get_type() != "VFR_HUD")
@@ -263,7 +264,7 @@ def test_without_any_thrust_all_but_drag_is_told(
         if name.startswith("CD"):
             assert "drag needs thrust" in found[name]["refused"]
         else:
-            limit = max(4.0 * found[name]["std"], 0.15 * abs(TRUTH[name]))
+            limit = max(4.0 * own_bar(found[name]), 0.15 * abs(TRUTH[name]))
             assert found[name]["value"] == pytest.approx(TRUTH[name], abs=limit), name
     assert not any(one["name"] == "ax_zero" for one in result["nuisances"])
     assert any("thrust is unknown" in reason for reason in result["quality"]["reasons"])

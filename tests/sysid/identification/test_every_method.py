@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from own_bars import own_bar
 from simulated import fly_mav
 from table_two import with_table_two
 
@@ -47,7 +48,7 @@ def pair(model: Model, name: str) -> tuple[float, float]:
     entry = model.coefficients[name]
     assert entry.value is not None, name
     assert entry.std is not None, name
-    return entry.value, entry.std
+    return entry.value, own_bar(entry)
 
 
 def misses(one: Model, other: Model) -> dict[str, float]:

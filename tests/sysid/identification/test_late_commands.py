@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import pytest
+from own_bars import own_bar
 from simulated import fly_mav
 
 from sim_vehicle.model.model_file import read_model
@@ -56,7 +57,7 @@ def test_without_an_option_the_delay_is_estimated_and_spoils_nothing(late: Fligh
     assert worst(found) < 0.05
     for name in MAIN:
         entry = found.model.coefficients[name]
-        assert abs((entry.value or 0.0) - TRUE[name]) < 4.0 * (entry.std or 0.0), name
+        assert abs((entry.value or 0.0) - TRUE[name]) < 4.0 * own_bar(entry), name
     delays = [one["value"] for one in result["nuisances"] if one["name"] == "servo_delay"]
     # What the log holds from stamp to stamp comes half a sample of 20 ms later than a curve through its points.
     assert delays == pytest.approx([LATE_S + 0.01] * 2, abs=0.004)

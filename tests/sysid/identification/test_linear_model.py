@@ -12,6 +12,8 @@ from sim_vehicle.flight.plant import Plant
 from sim_vehicle.model.model_file import Coefficient, read_model
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.identification.linear_model import INPUTS, OUTPUTS, STATES, LinearModel, linearise
+from sysid.numerics.gaussian import Gaussian
+from sysid.uncertainty.total import ErrorParts
 
 VEHICLE = load_vehicle("iitb-mav")
 MODEL = read_model("iitb-mav")
@@ -110,7 +112,8 @@ def test_standard_errors_of_modes_are_the_scatter_of_drawn_models() -> None:
     correlation = np.eye(6)
     correlation[0, 1] = correlation[1, 0] = 0.8
     spread = np.outer(list(std.values()), list(std.values())) * correlation
-    expected = linearise(VEHICLE, model, SPEED, DENSITY, (names, spread)).modes()
+    known = Gaussian(names, np.array([value[name] for name in names]), spread)
+    expected = linearise(VEHICLE, model, SPEED, DENSITY, ErrorParts(known, {})).modes()
     draws = np.random.default_rng(4).multivariate_normal([value[name] for name in names], spread, 300)
     drawn = []
     for row in draws:

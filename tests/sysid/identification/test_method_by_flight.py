@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from field_flight import field_flight
+from own_bars import own_bar
 from signal_mistakes import injections
 from simulated import fly_mav
 
@@ -25,7 +26,7 @@ def largest(found: Identification) -> float:
     """Largest error in standard errors."""
     true = read_model("iitb-mav").values()
     entries = found.model.coefficients.items()
-    return max(abs(e.value - true[n]) / e.std for n, e in entries if e.value is not None and e.std and n in true)
+    return max(abs(e.value - true[n]) / own_bar(e) for n, e in entries if e.value is not None and e.std and n in true)
 
 
 def test_white_noise_and_obedient_servos_get_the_method_of_the_books() -> None:
@@ -34,7 +35,7 @@ def test_white_noise_and_obedient_servos_get_the_method_of_the_books() -> None:
     assert result_json(books)["method"] == "oe"
     assert largest(books) < 4.0
     names = ("CL_alpha", "Cm_alpha", "Cl_p")
-    narrow, wide = ([one.model.coefficients[name].std or np.nan for name in names] for one in (books, given))
+    narrow, wide = ([own_bar(one.model.coefficients[name]) for name in names] for one in (books, given))
     widths = np.divide(narrow, wide)
     assert max(widths) < 0.7
 
@@ -107,4 +108,4 @@ def test_sensors_that_make_up_for_what_a_structure_lacks_are_no_textbook(tmp_pat
     for name in flown.excited:
         entry, (low, high) = found.model.coefficients[name], flown.truth[name]
         if entry.value is not None and entry.std is not None:
-            assert max(low - entry.value, entry.value - high) < 4.0 * entry.std, name
+            assert max(low - entry.value, entry.value - high) < 4.0 * own_bar(entry), name

@@ -150,4 +150,6 @@ def test_what_a_flight_does_not_move_stays_as_it_was_known():
     # Conditional mean and variance of a bivariate normal whose other half has become known.
     moved = (after["Cm_de"].value - 1.6) / 0.02
     assert after["Cl_p"].value == pytest.approx(-0.45 + 0.9 * 0.02 * moved)
-    assert after["Cl_p"].std == pytest.approx(0.02 * np.sqrt(1 - 0.81 * (1 - (after["Cm_de"].std / 0.02) ** 2)))
+    assert after["Cl_p"].std == pytest.approx(
+        0.02 * np.sqrt(1 - 0.81 * (1 - (after["Cm_de"].extra["statistical_std"] / 0.02) ** 2))
+    )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from field_flight import FieldFlight, field_flight
+from own_bars import own_bar
 from simulated import fly_mav
 
 from sim_vehicle.model.model_file import read_model
@@ -72,7 +73,7 @@ def test_what_an_autopilot_hides_is_said_and_nothing_is_confidently_wrong(
     for name in flight.excited:
         entry, (low, high) = found.model.coefficients[name], flight.truth[name]
         if entry.value is not None and entry.std is not None:
-            assert max(low - entry.value, entry.value - high) < 4.0 * entry.std, name
+            assert max(low - entry.value, entry.value - high) < 4.0 * own_bar(entry), name
     # Where the sideslip that is flown begins, moments at rest take up: no derivative follows it.
     damping = found.model.coefficients["Cl_p"]
     assert damping.value is not None
@@ -96,14 +97,14 @@ def test_pitch_is_told_though_an_autopilot_answers_every_gust(answered: tuple[Fi
         entry, (low, high) = found.model.coefficients[name], flight.truth[name]
         assert entry.value is not None
         assert entry.std is not None
-        assert entry.std < 0.2 * abs(entry.value)
-        assert max(low - entry.value, entry.value - high) < 2.5 * entry.std, name
+        assert own_bar(entry) < 0.2 * abs(entry.value)
+        assert max(low - entry.value, entry.value - high) < 2.5 * own_bar(entry), name
     # The rudder did nothing but damp yaw, and is told by how late it does.
     assert any(warning.startswith("rudder: moved by nothing but a law") for warning in found.warnings)
     entry, (low, high) = found.model.coefficients["Cn_dr"], flight.truth["Cn_dr"]
     assert entry.value is not None
     assert entry.std is not None
-    assert max(low - entry.value, entry.value - high) < 2.5 * entry.std
+    assert max(low - entry.value, entry.value - high) < 2.5 * own_bar(entry)
     reported = [name for name in flight.excited if found.model.coefficients[name].value is not None]
     assert len(reported) >= 0.6 * len(flight.excited)
 

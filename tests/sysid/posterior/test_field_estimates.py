@@ -10,6 +10,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pytest
 from field_flight import FieldFlight, field_flight, fly_plan, plan_of
+from own_bars import own_bar
 
 from gcs.report.page import report
 from sim_vehicle.model.model_file import Coefficient, Model
@@ -44,7 +45,7 @@ def test_truth_of_another_engine_is_within_the_bars(family: str, seed: int) -> N
     for name in flight.excited:
         entry, (low, high) = found.model.coefficients[name], flight.truth[name]
         if entry.value is not None and entry.std is not None:
-            off.append(max(low - entry.value, entry.value - high, 0.0) / entry.std)
+            off.append(max(low - entry.value, entry.value - high, 0.0) / own_bar(entry))
     assert len(off) >= 0.7 * len(flight.excited)  # eight seconds tell less than a minute
     assert max(off) < 5.0
     assert np.mean(np.array(off) < 2.5) >= 0.8
@@ -183,7 +184,7 @@ def test_two_flights_tell_more_than_one_though_their_stamps_differ(tmp_path: Pat
         entry, (low, high) = both.model.coefficients[name], first.truth[name]
         assert entry.value is not None, name
         assert entry.std is not None
-        off.append(max(low - entry.value, entry.value - high, 0.0) / entry.std)
+        off.append(max(low - entry.value, entry.value - high, 0.0) / own_bar(entry))
     assert max(off) < 3.5
     # What is random falls with the length; what the structure misses, and the pitot's gain, do not.
     assert alone.posterior is not None

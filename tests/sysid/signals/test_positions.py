@@ -13,6 +13,7 @@ from field_stock import textbook
 from field_truth import projection
 from jsbsim_flight import linear_aircraft
 from one_record import make_record
+from own_bars import own_bar
 
 from sim_vehicle.vehicle.vehicle_file import Vehicle, load_vehicle
 from sysid.identify import identify
@@ -119,7 +120,7 @@ def test_filter_error_knows_that_an_edge_lies_somewhere_between_two_samples(tmp_
     truth = projection(log, plane.geometry)
     found = identify([sense(log, plane, field, 0, "edges")], plane, method="fe").model.coefficients
     z = [
-        abs(one.value - truth[name]) / one.std
+        abs(one.value - truth[name]) / own_bar(one)
         for name, one in found.items()
         if one.value is not None and one.std is not None and abs(truth[name]) > 1e-3
     ]

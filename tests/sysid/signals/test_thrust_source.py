@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from one_record import make_record
+from own_bars import own_bar
 from simulated import fly_mav
 
 from gcs.analysis.results import identification_text
@@ -50,7 +51,7 @@ def judge(found: Identification, allowed: float = 4.0) -> None:
         entry = found.model.coefficients[name]
         assert entry.value is not None, f"{name}: {entry.refused}"
         assert entry.std is not None
-        assert abs(entry.value - true[name]) < allowed * entry.std, f"{name}: {entry.value} for {true[name]}"
+        assert abs(entry.value - true[name]) < allowed * own_bar(entry), f"{name}: {entry.value} for {true[name]}"
 
 
 @pytest.mark.parametrize("signal", ["rpm", "throttle"])

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from own_bars import own_bar
 from simulated import fly_mav
 
 from sim_vehicle.model.model_file import read_model
@@ -98,8 +99,8 @@ def test_intervals_hold_where_the_bench_is_the_largest_error() -> None:
                 continue
             error = entry.value - true[name]
             share = sum(part**2 for part in entry.extra["bench"].values())
-            scores.append(error / entry.std)
-            without_bench.append(error / np.sqrt(entry.std**2 - share))
+            scores.append(error / own_bar(entry))
+            without_bench.append(error / np.sqrt(own_bar(entry) ** 2 - share))
     assert len(scores) > 24
     # Errors of one bench move all coefficients of a flight together: 4 independent draws of a few numbers each.
     held, alone = (np.sqrt(np.mean(np.square(z))) for z in (scores, without_bench))

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from own_bars import own_bar
 from simulated import fly_mav
 
 from sim_vehicle.model.model_file import read_model
@@ -38,7 +39,7 @@ def scores(found: Identification, shares: bool) -> dict[str, float]:
     for name, entry in found.model.coefficients.items():
         if entry.value is not None and entry.std is not None:
             share = entry.extra.get("bench", {}).get(SOURCE, 0.0)
-            std = entry.std if shares else np.sqrt(entry.std**2 - share**2)
+            std = own_bar(entry) if shares else np.sqrt(own_bar(entry) ** 2 - share**2)
             told[name] = (entry.value - TRUE.get(name, 0.0)) / std
     return told
 

@@ -17,7 +17,7 @@ def test_late_commands_move_the_estimates_of_some_runs_as_those_of_all(monkeypat
     for seconds in (60.0, 12.0):
         monkeypatch.setattr(sysid.uncertainty.systematic, "_REPEATED_S", seconds)
         coefficients = identify(flights, load_vehicle("iitb-mav")).model.coefficients
-        told.append({name: entry.extra["systematic"]["timing_10ms"] for name, entry in coefficients.items()})
+        told.append({name: entry.extra["late"]["timing_10ms"] for name, entry in coefficients.items()})
     of_all, of_one = told
     assert of_all != of_one
     for name in ("CL_alpha", "CD_0", "Cm_de", "Cl_beta", "Cl_p", "Cl_da"):

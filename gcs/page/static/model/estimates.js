@@ -44,20 +44,17 @@ const between = entry => {
   return ends ? ends.map(end => estimate(end, entry.std)).join('\u00a0…\u00a0') : NONE
 }
 
-/** Every coefficient estimated, with 95 % interval, relative and systematic error. */
+/** Every coefficient estimated, with 95 % interval, relative error and what of it is the flight's. */
 export function coefficientTable(model) {
-  const head = ['Coefficient', 'Value ± 1 σ', '95 % interval', '0 and the interval', 'Relative σ', 'Systematic']
-  return table('Coefficients. σ is statistical, given the vehicle file; systematic is what likely errors of that file '
-    + 'add',
-    head, estimated(model).map(([name, entry]) => {
-      // What the vehicle file states of its own errors is in σ already.
-      const moved = Object.entries(entry.systematic ?? {}).filter(([cause, value]) =>
-        !cause.endsWith('_std') && Number.isFinite(value)).map(([, value]) => value)
-      return [h('span', {}, h('code', {}, name), h('small', { class: 'meaning' }, meaning(name))), plusMinus(entry),
+  const head = ['Coefficient', 'Value ± 1 σ', '95 % interval', '0 and the interval', 'Relative σ',
+    'σ of the flight alone']
+  return table('Coefficients. σ and interval hold all: what the flight leaves open, and what the vehicle file may be '
+    + 'wrong by',
+    head, estimated(model).map(([name, entry]) =>
+      [h('span', {}, h('code', {}, name), h('small', { class: 'meaning' }, meaning(name))), plusMinus(entry),
         between(entry), bars([entry]),
         entry.std && entry.value ? percent(entry.std / Math.abs(entry.value)) : NONE,
-        moved.length ? number(Math.hypot(...moved), 2) : NONE]
-    }), true)
+        number(entry.statistical_std, 2)]), true)
 }
 
 /** Sensor errors with their units. */
@@ -66,7 +63,7 @@ export const sensorTable = errors => table(
   ['Error', 'Value ± 1 σ', '95 % interval', '0 and the interval', 'Unit'],
   Object.entries(errors).map(([name, entry]) => {
     const [unit, factor] = shownUnit(entry.unit || '1')
-    const seen = { value: factor * entry.value, std: factor * entry.std, ci95: entry.ci95?.map(end => factor * end) }
+    const seen = { value: factor * entry.value, std: factor * entry.std }
     return [h('code', {}, name), plusMinus(seen), between(seen), bars([seen]), unit]
   }), true)
 

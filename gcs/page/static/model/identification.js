@@ -4,7 +4,7 @@ import { get, getIfThere } from '../shared/api.js'
 import { announce } from '../shared/announce.js'
 import { field, h, listing, remark, select, table, there } from '../shared/dom.js'
 import { coefficientTable, refusedTable, sensorTable } from './estimates.js'
-import { chance, estimate, NONE, number, utc } from '../shared/format.js'
+import { chance, estimate, NONE, number, plusMinus, utc } from '../shared/format.js'
 import { nothingYet } from '../flight/jobs.js'
 import { download, opened } from '../shared/links.js'
 import { gaps, legendAbove, level, line, plot, shown, source, BLUE, RED } from '../shared/plots.js'
@@ -41,7 +41,7 @@ export function identification(page, result, summary, signal) {
         [h('code', {}, name), ...Object.keys(SCORES).map(key =>
           key === 'gaussian_p' ? chance(entry[key], 3) : number(entry[key]))])) : null),
     h('h2', {}, 'Measured and predicted'), residuals(result.series, signal),
-    h('h2', {}, 'Modes'), ...there(modes(result.modes)),
+    h('h2', {}, 'Modes'), ...there(modes(result.modes), derivatives(result.dimensional)),
     h('h2', {}, 'How it was made'), ...there(segments(result)),
   )
   modelLink(page.querySelector('#model-download'), summary.id, 'identify', signal)
@@ -124,6 +124,14 @@ function modes(found) {
   return table('Modes about the mean airspeed (a negative time constant grows)',
     ['Mode', 'Frequency, Hz', 'Damping ratio', 'Time constant, s'],
     found.map(mode => [mode.name, cell(mode.frequency_hz), cell(mode.damping_ratio), cell(mode.time_constant_s)]))
+}
+
+function derivatives(found) {
+  const entries = Object.entries(found ?? {})
+  if (!entries.length) return null
+  return table('Dimensional derivatives about the mean airspeed, per rad: they need neither mass nor inertia',
+    ['Derivative', 'Value ± 1 σ', 'Unit'],
+    entries.map(([name, entry]) => [h('code', {}, name), plusMinus(entry), entry.unit]))
 }
 
 const segments = result => table('Parts of the flights that were used', ['Flight', 'From, s', 'To, s', 'Kind', 'Why'],

@@ -40,7 +40,7 @@ export const plusMinus = entry =>
 
 /** The 95 % interval of an estimate; null where it has none. */
 export function interval(entry) {
-  if (entry.ci95) return entry.ci95
+  if (entry.interval ?? entry.ci95) return entry.interval ?? entry.ci95
   return Number.isFinite(entry.std) ? [entry.value - 1.96 * entry.std, entry.value + 1.96 * entry.std] : null
 }
 
