@@ -25,6 +25,7 @@ from sysid.quality.flight_quality import CARE, LATERAL, LONGITUDINAL, POOR, Qual
 from sysid.quality.thresholds import LIMITS_OF_QUALITY as LIMITS
 from sysid.signals.flight import BY_ATTITUDE, FlightSignals, repeats
 from sysid.signals.preparation import Prepared
+from sysid.signals.rounding import rounding_of
 
 _IMU = ("p", "q", "r", "ax", "ay", "az")
 _SURFACES = {"de": "elevator", "da": "aileron", "dr": "rudder"}
@@ -58,10 +59,11 @@ class SeenFlight:
             inside |= (one.time_s >= stretch.segment.start_s) & (one.time_s <= stretch.segment.end_s)
         return one.time_s[good & inside], one.values[good & inside]
 
-    def travel(self, surface: str) -> float:
-        """Standard deviation of a surface, rad."""
+    def moved(self, surface: str) -> bool:
+        """Whether a surface moved by more than its log resolves."""
         values = self.samples(surface)[1]
-        return float(np.std(values)) if values.size else 0.0
+        least = min(LIMITS.still, LIMITS.resolved * rounding_of(values, None).std)
+        return values.size > 1 and float(np.std(values)) > max(least, LIMITS.least)
 
 
 def flights_quality(
@@ -160,31 +162,25 @@ def _vibration(seen: SeenFlight) -> Iterator[Reason]:
 
 def _not_flown(seen: SeenFlight) -> Iterator[Reason]:
     for axes, surfaces in _MOVED_BY.items():
-        if all(seen.travel(name) <= LIMITS.still for name in surfaces):
+        if not any(seen.moved(name) for name in surfaces):
             words = " and ".join(_SURFACES[name] for name in surfaces)
             yield Reason(POOR, f"{words} did not move", f"fly test inputs on {words}", axes)
 
 
 def _excitation(seen: SeenFlight) -> Iterator[Reason]:
-    for axes, surfaces in _MOVED_BY.items():
-        most = max(seen.travel(name) for name in surfaces)
-        if LIMITS.still < most < LIMITS.small:
-            words = " and ".join(_SURFACES[name] for name in surfaces)
-            yield Reason(CARE, f"{words} moved by {np.degrees(most):.1f} deg rms", "fly inputs of 2 to 4 deg", axes)
-    seconds = sum(one.segment.end_s - one.segment.start_s for one in seen.prepared.stretches)
-    if seconds < LIMITS.excited_s:
-        yield Reason(
-            CARE, f"{seconds:.0f} s of flight are excited", "fly test inputs for half a minute, or several flights"
-        )
-    if all(seen.travel(name) > LIMITS.still for name in ("da", "dr")):
+    """Whether each surface has moved by itself. How much and how long is enough the bars say
+    (`sysid.quality.estimate_rules`).
+    """
+    moved = [name for name in ("da", "dr") if seen.moved(name)]
+    if len(moved) == 2:
         (stamps, aileron), (others, rudder) = seen.samples("da"), seen.samples("dr")
         there = np.interp(stamps, others, rudder)
         if abs(float(np.corrcoef(aileron, there)[0, 1])) > LIMITS.alike:
             yield Reason(
                 CARE, "aileron and rudder move together", "move one at a time, or a multisine on each", LATERAL
             )
-    elif any(seen.travel(name) > LIMITS.still for name in ("da", "dr")):
-        still = next(name for name in ("da", "dr") if seen.travel(name) <= LIMITS.still)
+    elif moved:
+        (still,) = {"da", "dr"} - set(moved)
         yield Reason(CARE, f"{_SURFACES[still]} did not move", f"fly test inputs on {_SURFACES[still]}", LATERAL)
 
 

@@ -18,9 +18,9 @@ class QualityLimits:
     uneven: middle 80 % of its intervals over the median one.
     vibration: noise of an accelerometer, m/s^2, that no sensor of Table II has by a factor of ten.
     ranges_g: ends of range of accelerometers, g; clipped: readings there.
-    still, small: standard deviation of a surface, rad, below which it has not moved (of the estimator, too), and below
-    which servos' play of 0.15 deg is a fifth of it.
-    excited_s: s, that test inputs last together at least.
+    still, least: standard deviation of a surface, rad, that is a movement whatever the log resolves, and that is none;
+    resolved: between them, times the standard deviation of its rounding, beyond which it has moved (as for the
+    estimator).
     alike: correlation of aileron and rudder, beyond which neither is distinguished from the other.
     gusts: m/s, that move a small aircraft as much as test inputs of 2 deg.
     lift, lift_usual: lift coefficient, by weight, airspeed and wing area, outside of which no aircraft flies level, and
@@ -46,8 +46,8 @@ class QualityLimits:
     ranges_g: tuple[float, ...] = (2.0, 4.0, 8.0, 16.0)
     clipped: int = 5
     still: float = 0.003
-    small: float = 0.012
-    excited_s: float = 8.0
+    least: float = 1e-4
+    resolved: float = 4.0
     alike: float = 0.95
     gusts: float = 0.7
     lift: tuple[float, float] = (0.03, 3.0)
