@@ -94,6 +94,13 @@ CAMPAIGNS = {
         hint="less of it: FAMILIES=typical,rough SEEDS=2; SHORT=1: 14 flights; STEPS=1: textbook flights, one"
         " imperfection at a time; RATES=1: aircraft of JSBSim's, measured surfaces at 20, 50 and 100 Hz",
     ),
+    "sensor-bars": LongRun(
+        "tests/campaign/sensor_bars.py",
+        "whether bars of sensor errors, wind and dimensional derivatives hold, whatever is known of the inertia",
+        "63 flights of JSBSim's as the field has them, 10 min; what is there is kept",
+        {"FAMILIES": "", "SEEDS": "", "KNOWN": ""},
+        hint="less of it: FAMILIES=typical SEEDS=1 KNOWN=guessed",
+    ),
     "jsbsim": LongRun(
         "tests/campaign/other_engine.py",
         "how true identification is to another engine",

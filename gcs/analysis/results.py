@@ -15,6 +15,8 @@ from gcs.text.nuisance_text import STATED, unknown_words
 from gcs.text.probability_text import p_text, probability_text
 from gcs.text.quality import flights_words, quality_lines
 
+_AGREE = {True: "yes", False: "no", None: "not known, the check did not settle"}
+
 
 def _number(value: Any, digits: int = 5) -> str:
     return "-" if value is None else f"{value:.{digits}g}"
@@ -154,12 +156,12 @@ def identification_text(result: dict[str, Any]) -> str:
     lines += _mode_lines(result.get("modes"))
     by_map = result.get("method") == "map"
     if result.get("sensor_errors"):
-        lines += ["", "sensor errors by the kinematics" + (", of which the estimate uses none:" if by_map else ":")]
+        lines += ["", "sensor errors and wind:"]
         lines += [_estimate_row(name, e, e.get("unit", "")) for name, e in result["sensor_errors"].items()]
     compatibility = result.get("compatibility") or {}
     if compatibility:
         corrected = "by the kinematics alone" if by_map else "after correction"
-        lines += ["", f"data compatible {corrected}: {'yes' if compatibility.get('compatible') else 'no'}"]
+        lines += ["", f"data compatible {corrected}: {_AGREE[compatibility.get('compatible')]}"]
         lines += [f"  {entry['verdict']}" for entry in compatibility.get("verdicts", [])]
     for refusal in result.get("refused", []):
         manoeuvre = f"; fly the manoeuvre {refusal['manoeuvre']}" if refusal.get("manoeuvre") else ""

@@ -188,6 +188,10 @@ def _compatible(result: Result) -> str:
     if "compatible" not in found:
         return ""
     good = found["compatible"]
+    if good is None:
+        return paragraph(
+            "Whether the sensors agree on one motion is not known: the check by the kinematics did not settle."
+        )
     words = "After correction the sensors agree on one motion." if good else "The sensors do not agree on one motion."
     if result.get("method") == "map":
         words = f"By the kinematics alone the sensors {'agree' if good else 'do not agree'} on one motion."

@@ -11,6 +11,7 @@ from sim_vehicle.model.model_file import Coefficient, Model
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.compatibility.reconstruction import CompatibilityResult, Refusal, check_compatibility
 from sysid.compatibility.selection import CLEAR_SHARE, LIMITS
+from sysid.compatibility.wind import mean_wind
 from sysid.equation_error.coefficients import body_of
 from sysid.equation_error.dead_surfaces import frozen_commands
 from sysid.errors import DivergedError, EstimationError, SysidError
@@ -58,8 +59,6 @@ if TYPE_CHECKING:
 
 # Standard errors beyond which a sensor error by output error is not the one by kinematics.
 _PULLED = 4.0
-# Outputs whose errors kinematics alone determine: attitude, and the velocity of the air.
-_ALONE = ("phi", "theta", "vn", "ve", "vd")
 METHODS = ("auto", "map", "ee", "oe", "fe")
 
 
@@ -250,10 +249,12 @@ def _by_posterior(asked: Request, read: FlightsRead, known: CompatibilityResult 
     worth = flights_quality(found.signals, found.prepared, vehicle, found.compatible.gust_sigma)
     model, refused = withheld(found.model, found.refused, worth, asked.prior)
     found = replace(found, model=with_total_errors(model, is_stated), refused=tuple(refused))
-    # Kinematics determine zeros and gains of air data and IMU in air without gusts alone; the estimate has its own.
+    # Kinematics determine zeros and gains in air without gusts alone, with sensors as the textbooks have them; the
+    # estimate has its own.
+    scale = found.estimate.airspeed_scale()
     errors = {
-        **{name: one for name, one in _kinematic_errors(found.compatible).items() if SENSOR_ERRORS[name][0] in _ALONE},
         **found.estimate.sensor_errors(UNINFORMED_RATIO),
+        **mean_wind(found.prepared, scale),
     }
     mistakes = read.mistakes()
     sentences = [one.sentence for one in mistakes]
@@ -278,7 +279,10 @@ def _by_posterior(asked: Request, read: FlightsRead, known: CompatibilityResult 
         found.prepared, found.compatible, found.model, errors,
         unique_refusals((*found.refused, *found.compatible.refused), errors), validation,
         tuple(flight.name for flight in asked.validate_on), None, None,
-        mean_motion(vehicle, found.model, found.prepared, found.compatible),
+        mean_motion(
+            vehicle, found.model, found.prepared, found.compatible,
+            None if scale is None else 1.0 - scale[0],
+        ),
         tuple(dict.fromkeys((*warnings, *read.judged_warnings()))), mistakes, compared, found.estimate,
         with_estimate(worth, seen), tuple(flown),
     )  # fmt: skip

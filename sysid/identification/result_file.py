@@ -46,7 +46,7 @@ def result_json(found: Identification) -> dict[str, Any]:
         "compatibility": {
             "before": {name: vars(fit) for name, fit in compatible.before.items()},
             "after": {name: vars(fit) for name, fit in compatible.after.items()},
-            "compatible": compatible.compatible,
+            "compatible": compatible.compatible if compatible.converged else None,
             "incompatible": compatible.incompatible,
             "turbulence": compatible.gust_sigma,
             "verdicts": [one.to_json() for one in verdicts(_finally(found), found.mistakes, found.posterior is None)],

@@ -80,11 +80,22 @@ class MeanMotion:
 
 
 def mean_motion(
-    vehicle: Vehicle, model: Model, prepared: Sequence[Prepared], compatible: CompatibilityResult
+    vehicle: Vehicle,
+    model: Model,
+    prepared: Sequence[Prepared],
+    compatible: CompatibilityResult,
+    read: float | None = None,
 ) -> MeanMotion:
-    """The model about the flights' mean airspeed and density."""
-    airspeed = float(np.mean(np.concatenate([states["V"] for states in compatible.states])))
+    """The model about the flights' mean airspeed and density. read: true airspeed over what its sensor reads, as the
+    estimate of the model has it; without it the airspeed is that of the kinematics, which run away in rough air.
+    """
     stretches = [stretch for flight in prepared for stretch in flight.stretches]
+    if read is None:
+        airspeed = float(np.mean(np.concatenate([states["V"] for states in compatible.states])))
+    else:
+        factors = [flight.layout.airspeed_factor for flight in prepared for _ in flight.stretches]
+        speeds = [factor * s.data["airspeed"] for factor, s in zip(factors, stretches, strict=True)]
+        airspeed = read * float(np.nanmean(np.concatenate(speeds)))
     density = float(np.mean(np.concatenate([stretch.record.rho for stretch in stretches])))
     errors = error_parts(model)
     derivatives = dimensional_derivatives(vehicle, model, airspeed, density, errors)

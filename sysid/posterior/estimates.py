@@ -22,7 +22,8 @@ _SURFACE_WORDS = {signal: name for name, signal in DEFLECTION_SIGNALS.items()}
 # The rate that a surface commands.
 _COMMANDED = {"de": "q", "da": "p", "dr": "r"}
 _UNIT_OF = {output: unit for output, form, unit, _ in SENSOR_ERRORS.values() if form == "bias"}
-# What stands for an output's scale factor, and its null.
+# What stands for an output's zero, where it is no mean that is left; for its scale factor, and the null of that.
+_ZEROS = {"phi": "phi_offset", "theta": "theta_offset"}
 _GAINS = {"alpha": ("alpha_scale", 1.0), "beta": ("beta_scale", 1.0), "airspeed": ("airspeed_error", 0.0)}
 # Above this share of its prior a flight holds no information on a number.
 UNINFORMED_RATIO = 0.7
@@ -127,10 +128,19 @@ class PosteriorEstimate:
         informed = {one.name: one for one in every if one.std < share * one.prior_std}
         found = {}
         for error, (output, form, unit, _) in SENSOR_ERRORS.items():
-            name, null = (f"{output}_zero", 0.0) if form == "bias" else _GAINS.get(output, ("", 0.0))
+            name, null = (
+                (_ZEROS.get(output, f"{output}_zero"), 0.0) if form == "bias" else _GAINS.get(output, ("", 0.0))
+            )
             if name in informed:
                 found[error] = (informed[name].value - null, informed[name].std, unit)
         return found
+
+    def airspeed_scale(self) -> tuple[float, float] | None:
+        """Scale error of the airspeed's reading and its standard error, of the group that knows it best; None where it
+        is not estimated.
+        """
+        every = [(one.value, one.std) for one in self.nuisances if one.name == _GAINS["airspeed"][0]]
+        return min(every, key=lambda one: one[1], default=None)
 
     def of_aircraft(self) -> dict[str, float]:
         """What was estimated of the aircraft itself, by name (`sysid.posterior.stated_priors.as_estimated`)."""

@@ -102,6 +102,9 @@ function verdict({ validation }) {
 }
 
 function compatible({ compatibility: found }) {
+  if (found?.compatible === null) {
+    return remark('note', h('p', {}, 'Whether the sensors agree on one motion is not known: the check did not settle.'))
+  }
   if (typeof found?.compatible !== 'boolean') return ''
   return remark(found.compatible ? 'good' : 'bad', h('p', {}, found.compatible
     ? 'After correction the sensors agree on one motion.' : 'The sensors do not agree on one motion.'))
