@@ -94,8 +94,30 @@ def section(title: str, *parts: str) -> str:
     inside = "\n".join(part for part in parts if part)
     if not inside:
         return ""
-    name = "".join(letter if letter.isalnum() else "-" for letter in title.lower())
+    name = anchor(title)
     return f'<section aria-labelledby="{name}">\n<h2 id="{name}">{escape(title)}</h2>\n{inside}\n</section>'
+
+
+def folded(title: str, *parts: str) -> str:
+    """A section that opens by its heading; printed it is open. Nothing where there is nothing in it."""
+    inside = "\n".join(part for part in parts if part)
+    if not inside:
+        return ""
+    heading = f"<summary><h2>{escape(title)}</h2></summary>"
+    # A link to what a closed one holds opens it.
+    return f'<details class="more">\n{heading}\n<div id="{anchor(title)}">\n{inside}\n</div>\n</details>'
+
+
+def contents(parts: Sequence[str]) -> str:
+    """Links to folded sections, in their order."""
+    titles = [found[1] for part in parts if (found := re.search(r"<summary><h2>(.*?)</h2>", part))]
+    links = "".join(f'<li><a href="#{anchor(unescape(title))}">{title}</a></li>' for title in titles)
+    return f'<nav aria-label="Contents"><ul class="contents">{links}</ul></nav>' if titles else ""
+
+
+def anchor(title: str) -> str:
+    """What links to a section of that title name."""
+    return "".join(letter if letter.isalnum() else "-" for letter in title.lower())
 
 
 def text(value: Any) -> str:

@@ -8,11 +8,11 @@ from typing import Any
 
 from gcs.errors import ReportError
 from gcs.report import tables
-from gcs.report.markup import listing, paragraph, section, table, text
+from gcs.report.markup import contents, folded, listing, paragraph, section, text
 from gcs.report.side_by_side import headings, side_by_side
 from gcs.report.symbols import LEGEND, equations
 from gcs.text.generator import GENERATOR
-from gcs.text.quality import VERDICTS, flights_words, verdict_words
+from gcs.text.quality import flights_words, verdict_words
 from gcs.version import VERSION
 
 Result = Mapping[str, Any]
@@ -50,15 +50,13 @@ def _identification(result: Result, beside: Sequence[Result]) -> str:
     from gcs.report.svg import element
 
     model, series = result["model"], result.get("series") or {}
-    name = model.get("name", "")
-    flights = ", ".join(map(str, result["flights"]))
-    return document(
-        f"Flight model of {name} from {flights}",
-        _facts(result),
-        _quality(result),
-        _warnings(result),
-        section("Validation", _validation_words(result), tables.validation(result)),
-        section(
+    name = str(model.get("name", ""))
+    flights = ", ".join(str(one) for one in result["flights"] if str(one) != name)
+    fits = figures.flights(series)
+    rest = [
+        folded("Axes", tables.axes(result)),
+        folded("Validation", tables.validation(result)),
+        folded(
             "Model",
             *(f'<p class="equation">{line}</p>' for line in equations(model["coefficients"])),
             paragraph(LEGEND),
@@ -69,18 +67,30 @@ def _identification(result: Result, beside: Sequence[Result]) -> str:
             tables.refused(result),
             *map(element, figures.correlations(model)),
         ),
+        folded("Dimensional derivatives", tables.derivatives(result.get("dimensional") or {})),
+        folded("Sensors", _compatible(result), tables.verdicts(result), tables.compatibility(result),
+               tables.sensor_errors(result)),
+        folded("Mistakes and delays", _mistakes(result), tables.nuisances(result),
+               *map(element, figures.noise_spectra(result.get("noise_spectrum") or []))),
+        folded("Time histories", *map(element, histories.every(series))),
+        folded("Residuals", *map(element, fits[1:]), *map(element, figures.residual_statistics(series))),
+        folded("Frequency responses", *map(element, figures.bode(result.get("frequency_responses") or []))),
+        folded("How it was made", tables.segments(result), _made(result)),
+    ]  # fmt: skip
+    return document(
+        f"Flight model of {name}" + (f" from {flights}" if flights else ""),
+        _facts(result),
+        _quality(result),
+        _warnings(result),
+        _validation_words(result),
+        section("Main derivatives", tables.main_derivatives(model)),
+        section("Modes", tables.modes(result)),
+        section("Measured and predicted", paragraph(_series_words(series)), *map(element, fits[:1])),
+        section("To fly next", listing([text(one) for one in _next(result)])),
         side_by_side([result, *beside]),
-        section("Sensors", _compatible(result), tables.verdicts(result), tables.compatibility(result),
-                tables.sensor_errors(result)),
-        section("Mistakes and delays", _mistakes(result), tables.nuisances(result),
-                *map(element, figures.noise_spectra(result.get("noise_spectrum") or []))),
-        section("Time histories", *map(element, histories.every(series))),
-        section("Measured and predicted", paragraph(_series_words(series)), *map(element, figures.flights(series))),
-        section("Residuals", *map(element, figures.residual_statistics(series))),
-        section("Modes", tables.modes(result), tables.derivatives(result.get("dimensional") or {})),
-        section("Frequency responses", *map(element, figures.bode(result.get("frequency_responses") or []))),
-        section("How it was made", tables.segments(result), _made(result)),
-    )  # fmt: skip
+        contents(rest),
+        *rest,
+    )
 
 
 def _discrepancy(result: Result) -> str:
@@ -117,8 +127,18 @@ def _quality(result: Result) -> str:
         return ""
     bad = " bad" if found["verdict"] == "poor" else ""
     words = f'<p class="verdict{bad}">The flight is {text(verdict_words(found))}</p>'
-    verdicts = [[text(axis), text(VERDICTS.get(one["verdict"], ""))] for axis, one in found["axes"].items()]
-    return words + listing([text(one) for one in found["reasons"]]) + table("Axes", ["axis", "verdict"], verdicts)
+    return words + listing([text(one) for one in found["reasons"]])
+
+
+def _next(result: Result) -> list[str]:
+    """Manoeuvres that would identify what was refused, each with what it is flown for."""
+    wanted: dict[str, list[str]] = {}
+    for one in result.get("refused", []):
+        if one.get("manoeuvre"):
+            wanted.setdefault(one["manoeuvre"], []).append(one["name"])
+    flown = [f"{manoeuvre}: for {', '.join(names)}" for manoeuvre, names in wanted.items()]
+    alone = [] if result.get("validation") else ["another flight, to judge the model by (gcs identify --validate)"]
+    return [*flown, *alone]
 
 
 def _warnings(result: Result) -> str:

@@ -11,6 +11,7 @@ from gcs.report.symbols import axis_symbol, symbol
 from gcs.text.intervals import interval
 from gcs.text.meanings import meaning
 from gcs.text.nuisance_text import STATED, unknown_words
+from gcs.text.quality import VERDICTS
 from sim_vehicle.model.aerodynamic_terms import AXES
 
 Result = Mapping[str, Any]
@@ -19,6 +20,7 @@ _PERTURBATIONS = {
     "linkage_5pct": "linkage gain 5 %",
     "thrust_5pct": "thrust 5 %",
 }  # fmt: skip
+_MAIN = ("CL_alpha", "CD_0", "Cm_alpha", "Cm_q", "Cl_p", "Cn_beta")
 _SCORES = {
     "tic": "TIC", "tic_bias": "TIC: bias", "tic_variance": "TIC: variance", "tic_covariance": "TIC: covariance",
     "r2": "R²", "residual_mean": "residual mean", "residual_std": "residual std", "rms_over_noise": "rms / noise",
@@ -74,6 +76,24 @@ def coefficients(model: Result) -> str:
         return table("Coefficients", head[:-1], [row[:-1] for row in rows])
     caption = "Coefficients. σ and interval hold all: what the flight leaves open, and what was taken as known"
     return table(caption, head, rows)
+
+
+def main_derivatives(model: Result) -> str:
+    """What an engineer looks at first: stability and damping, with their whole errors."""
+    entries = model["coefficients"]
+    rows = [
+        [_explained(name), *_estimate_cells(entries[name])[:3]] if entries[name].get("value") is not None
+        else [_explained(name), "not identified", NONE, NONE]
+        for name in _MAIN if name in entries
+    ]  # fmt: skip
+    return table("Main derivatives, per rad", ["derivative", "value", "± (1 σ)", "95 % interval"], rows)
+
+
+def axes(result: Result) -> str:
+    """What the flight is worth for each axis."""
+    found = (result.get("quality") or {}).get("axes", {})
+    rows = [[text(axis), text(VERDICTS.get(one["verdict"], ""))] for axis, one in found.items()]
+    return table("Axes", ["axis", "verdict"], rows)
 
 
 def systematic(model: Result) -> str:

@@ -336,3 +336,15 @@ def test_a_fit_that_is_acceptable_by_tic_alone_says_so() -> None:
     assert "Cl 40 times its noise." in text
     result["validation"]["outliers"] = ""
     assert "Acceptable: TIC above" in Page(report(result)).text
+
+
+def test_one_page_comes_first_and_the_rest_is_folded_under_its_contents() -> None:
+    html = report(identification())
+    first, _, rest = html.partition('<nav aria-label="Contents">')
+    for title in ("Main derivatives", "To fly next"):
+        assert f">{title}</h2>" in first
+    assert "<details" not in first
+    links = re.findall(r'<li><a href="#([^"]+)">', rest)
+    assert "model" in links
+    for link in links:  # a link to what a closed section holds opens it
+        assert re.search(rf'<details class="more">\n<summary><h2>[^<]*</h2></summary>\n<div id="{link}">', rest), link
