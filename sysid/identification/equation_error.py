@@ -27,8 +27,7 @@ from sysid.equation_error.least_squares import RegressionResult
 from sysid.equation_error.report import regression_report
 from sysid.equation_error.time_domain import equation_error, equation_values, settled_equations
 from sysid.numerics.gaussian import Gaussian
-from sysid.numerics.statistics import without
-from sysid.problem.model_structure import PRIOR_WIDTH, REFUSED_SHARE, helpful_manoeuvre, not_believed, usual_size
+from sysid.problem.model_structure import PRIOR_WIDTH, helpful_manoeuvre, not_believed, not_identified, usual_size
 from sysid.signals.flight import FlightData
 from sysid.signals.preparation import Prepared, in_even_air
 from sysid.signals.record import Record
@@ -233,12 +232,11 @@ def _refusals(
     """travel: share of linkages in standard errors, by which a derivative is known as well as its surface."""
     refused = []
     for name, (value, std) in joint.entries().items():
-        usual = usual_size(name)
         reason = beyond = not_believed(name, value)
         if reason is None and name in bands:
             reason = refusal(value, bands[name])
-        if reason is None and without(std, travel.get(name, 0.0)) > REFUSED_SHARE * max(abs(value), usual):
-            reason = f"the standard error {std:.2g} says nothing: such a coefficient is usually about {usual:.2g}"
+        if reason is None:
+            reason = not_identified(name, value, std, travel.get(name, 0.0))
         if name in names and reason is not None:
             refused.append(Refusal(name, reason, helpful_manoeuvre(name), flies=beyond is None))
     return refused

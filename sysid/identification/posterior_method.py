@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -28,7 +29,7 @@ from sysid.posterior.stated_priors import unused_timing
 from sysid.problem.coefficient_residuals import moment_noise
 from sysid.problem.estimation_problem import coefficient_entries, flying
 from sysid.problem.formulation import corrected_parts, known_before
-from sysid.problem.model_structure import REFUSED_SHARE, default_structure, helpful_manoeuvre, not_believed, usual_size
+from sysid.problem.model_structure import default_structure, helpful_manoeuvre, not_believed, not_identified
 from sysid.signals.flight import FlightSignals
 from sysid.signals.preparation import Prepared
 from sysid.signals.record import SURFACES
@@ -219,6 +220,8 @@ def refusals_of(
         if name not in structure.coefficients:
             continue
         value, std = float(joint.mean[i]), float(np.sqrt(joint.covariance[i, i]))
+        both = math.hypot(shared.get(name, 0.0), travel.get(name, 0.0))
+        wide = not_identified(name, value, std, both)
         beyond = not_believed(name, value) if set(parse_term(name).factors) <= _STATIC else None
         if name.startswith("CD") and not thrust:
             reason = "drag needs thrust: measure it, or give [propulsion] for rpm or throttle"
@@ -226,11 +229,9 @@ def refusals_of(
             reason = found.not_believed[name]
         elif beyond is not None:
             reason = beyond
-        elif (own := without(std, np.hypot(shared.get(name, 0.0), travel.get(name, 0.0)))) > REFUSED_SHARE * max(
-            abs(value), usual_size(name)
-        ):
-            reason = f"the standard error {std:.2g} says nothing beside a value of {value:.2g}"
-        elif name not in given and own > UNINFORMED_RATIO * found.prior_std[name]:
+        elif wide is not None:
+            reason = wide
+        elif name not in given and without(std, both) > UNINFORMED_RATIO * found.prior_std[name]:
             reason = "the flight adds nothing to what was known before"
         else:
             continue

@@ -17,14 +17,13 @@ from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.compatibility.selection import Refusal
 from sysid.numerics.gaussian import Gaussian
-from sysid.numerics.statistics import without
 from sysid.problem.free_parameters import FreeParameter, coefficient, effect_parameter, sensor_error, thrust_error
 from sysid.problem.model_structure import (
     PRIOR_WIDTH,
-    REFUSED_SHARE,
     helpful_manoeuvre,
     is_longitudinal,
     not_believed,
+    not_identified,
     usual_size,
 )
 from sysid.problem.predictor import Predictor
@@ -234,9 +233,7 @@ def refusals(result: Estimates, names: Sequence[str], travel: Mapping[str, float
     refused = []
     for name in names:
         value, std = result.value(name), result.std(name)
-        if without(std, travel.get(name, 0.0)) > REFUSED_SHARE * max(abs(value), usual_size(name)):
-            usual = usual_size(name)
-            reason = f"the standard error {std:.2g} says nothing: such a coefficient is usually about {usual:.2g}"
+        if (reason := not_identified(name, value, std, travel.get(name, 0.0))) is not None:
             refused.append(Refusal(name, reason, helpful_manoeuvre(name)))
     return refused
 

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from functools import cache
 
 from sim_vehicle.model.aerodynamic_terms import parse_term
+from sysid.numerics.statistics import without
 
 LONGITUDINAL_AXES = ("CL", "CD", "Cm")
 
@@ -50,6 +51,18 @@ def usual_size(name: str) -> float:
     table = _USUAL[term.axis]
     key = "k" if name == "CD_k" else "0" if not term.factors else "_".join(term.factors)
     return table.get(key, table[""])
+
+
+def not_identified(name: str, value: float, std: float, shared: float = 0.0) -> str | None:
+    """Why a coefficient is refused that the flight leaves as large as such a one usually is; None where it is known.
+
+    shared: part of its standard error that inertia and travel give all coefficients of an axis or a surface together:
+    their ratios, and the modes, are known all the same.
+    """
+    usual = usual_size(name)
+    if without(std, shared) <= REFUSED_SHARE * max(abs(value), usual):
+        return None
+    return f"not identified: {value:.2g} ± {1.96 * std:.2g} (95 %), and usual is a size of {usual:.2g}"
 
 
 def not_believed(name: str, value: float) -> str | None:
