@@ -12,8 +12,8 @@ const SHAPES = { multisine: 'a multisine of 20 s', 3211: 'a 3-2-1-1', doublet: '
 const LASTS_S = { multisine: 20, 3211: 6, doublet: 4, step: 4, pulse: 3 }
 const OTHERS_S = 20
 const LEAD_S = 3
-const BY_HAND = 'By hand: strokes to and fro of 1, 2 and 3 tenths of a second in changing order, 2 to 4° each way, '
-  + 'without a pause.'
+const BY_HAND = 'By hand: half a second one way, half a second the other, let go for three seconds; five times on each '
+  + 'surface, by 2 to 4°.'
 // Surfaces as they are measured, and what each must move at least to show anything, rms.
 const MEASURED = { elevator: 'de', aileron: 'da', rudder: 'dr' }
 const LEAST_DEG = 1

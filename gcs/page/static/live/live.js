@@ -31,13 +31,27 @@ const STATES = {
     data => `No message from the vehicle${data.time_s === null
       ? '' : ` since ${duration(data.time_s)} of the flight`}. `
       + 'Check its power, the radio, and the links below.'],
-  landed: ['good', data => `Flight over: the vehicle is disarmed${data.state === 'live' ? ' and still sends' : ''}.`],
+  landed: ['note', data => `Flight over: the vehicle is disarmed${data.state === 'live' ? ' and still sends' : ''}.`],
+  down: ['note', () => 'Flight over: the vehicle came down and sends no more.'],
   silent: ['bad',
     () => 'Nothing more was heard of the vehicle, and its flight has ended. If it comes back, that is another flight.'],
   waiting: ['note', data => data.heard
     ? 'Messages come and are recorded; the ground station still prepares to show them. The first time that takes a '
       + 'minute.'
     : 'Waiting for the first message. Switch the vehicle on; if nothing comes, see the links below.'],
+}
+
+// Within so many m of its lowest an aircraft that falls silent has landed.
+const ON_GROUND_M = 15
+const OUTCOME_MS = 2000
+const VERDICTS = { good: 'The flight is good for identification.', care: 'The flight is usable with care.',
+  poor: 'The flight is too poor for a model.' }
+
+/** What came of a flight's identification, in words. */
+function outcomeWords(outcome) {
+  if (!outcome) return ''
+  if (outcome.verdict) return VERDICTS[outcome.verdict] ?? ''
+  return ['queued', 'running'].includes(outcome.state) ? 'Its identification is running.' : outcome.text ?? ''
 }
 
 /** The live view; it never ends by itself. */
@@ -65,8 +79,9 @@ class LiveView {
     // Only a change of state is announced; the running time beside it is not.
     this.words = h('p', { role: 'status' }, 'Asking the ground station …')
     this.clock = h('p', { class: 'clock' })
+    this.outcome = h('p', { role: 'status' })
     this.result = h('a', { class: 'button', hidden: true }, 'See what came of it')
-    this.banner = h('div', { class: 'remark note banner' }, this.words, this.clock, this.result)
+    this.banner = h('div', { class: 'remark note banner' }, this.words, this.clock, this.outcome, this.result)
     this.first = h('section', { class: 'panel', hidden: true, 'aria-label': 'With a log' },
       h('p', {}, 'With a log on a card no vehicle is needed here: ',
         h('a', { href: '#/aircraft/new' }, 'describe the aircraft'), ', ',
@@ -119,7 +134,8 @@ class LiveView {
   named(late, silent) {
     if (late) return 'late'
     if (this.data.landed) return 'landed'
-    return silent ? 'silent' : this.data.state
+    if (!silent) return this.data.state
+    return this.down === this.data.silent ? 'down' : 'silent'
   }
 
   /** Show the state as it is now: old figures must not look like new ones. */
@@ -130,17 +146,39 @@ class LiveView {
     const [kind, words] = STATES[this.named(late, silent)]
     const over = this.data.landed || silent
     this.first.hidden = this.data.state !== 'waiting' || Boolean(over)
-    this.result.hidden = !over || late
+    this.result.hidden = this.outcome.hidden = !over || late
     if (over) {
       this.result.href = `#/flights/${encodeURIComponent(over)}`
       this.next.show(null)
+      this.follow(over)
     }
     const old = late || this.data.state !== 'live'
+    this.instruments.element.classList.toggle('over', kind === 'note')
     this.instruments.stale(old)
     if (old !== this.status.known.old) this.status.take({ old })
     this.showState(kind, words(this.data),
       this.data.state === 'live' && this.data.time_s !== null ? `at ${duration(this.data.time_s)}` : '')
     this.banner.title = this.data.flight ? `flight ${this.data.flight}` : ''
+  }
+
+  /** Ask what came of a flight that is over, until it is known. */
+  async follow(flight) {
+    if (this.followed === flight) return
+    this.followed = flight
+    write(this.outcome, '')
+    for (let known = false; !known && this.followed === flight && !this.signal.aborted;) {
+      try {
+        const { outcome, outline } = await get(`/api/flights/${encodeURIComponent(flight)}`, this.signal)
+        const heights = outline?.name === 'altitude' ? outline.values : []
+        if (heights.length && heights.at(-1) - Math.min(...heights) < ON_GROUND_M) this.down = flight
+        this.look()
+        write(this.outcome, outcomeWords(outcome))
+        known = Boolean(outcome) && !['queued', 'running'].includes(outcome.state)
+      } catch (error) {
+        if (this.signal.aborted) return
+      }
+      if (!known) await new Promise(done => setTimeout(done, OUTCOME_MS))
+    }
   }
 
   showState(kind, text, time = '') {

@@ -14,9 +14,9 @@ const REST = 11
 const LEAST_REST_MS = 200
 // What stood still meanwhile, as a computer that slept, is not the plots' doing.
 const MOST_REST_MS = 1500
-const USUAL = [['airspeed'], ['alpha', 'beta'], ['p', 'q', 'r'], ['de', 'da', 'dr'], ['phi', 'theta']]
+const USUAL = [['de', 'da', 'dr'], ['p', 'q', 'r'], ['alpha', 'beta'], ['airspeed'], ['phi', 'theta']]
 
-/** Plots of airspeed, flow angles, rates, surfaces and attitude, and of the signals that the user chooses. */
+/** Plots of surfaces, rates, flow angles, airspeed and attitude, and of the signals that the user chooses. */
 export class LivePlots {
   constructor(query, signal) {
     this.query = query

@@ -63,7 +63,7 @@ export class Status {
       const element = h('div', { class: 'chip', hidden: true }, h('dt', {}, title), text)
       return { element, text, shown, title }
     })
-    this.element = h('dl', { class: 'strip' }, this.chips.map(one => one.element))
+    this.element = h('dl', { class: 'strip', tabindex: '0' }, this.chips.map(one => one.element))
   }
 
   /**

@@ -2,13 +2,28 @@
 
 import { h } from './dom.js'
 
-export const BLUE = '#0b4fc4', RED = '#b3261e', GREEN = '#00695c', ORANGE = '#b45309', PURPLE = '#6a1b9a',
-  BLACK = '#000'
-export const COLOURS = [BLUE, RED, GREEN, ORANGE, PURPLE, BLACK]
-const AXIS = {
+// Those of the theme that is shown when a plot is made: whoever imports them sees the present ones.
+export let BLUE = '', RED = '', BLACK = ''
+/** @type {string[]} */
+export let COLOURS = []
+let PAPER = '', GRID = ''
+// Blue, red, green, orange, purple, ink; paper and grid.
+const OF_THEME = {
+  light: ['#0b4fc4', '#b3261e', '#00695c', '#b45309', '#6a1b9a', '#000', '#fff', '#bbb'],
+  dark: ['#7fb2ff', '#ff8a80', '#5fd3bc', '#ffb74d', '#ce93d8', '#f5f5f5', '#10151c', '#46505e'],
+}
+
+function paint() {
+  COLOURS = OF_THEME[document.documentElement.dataset.theme === 'dark' ? 'dark' : 'light']
+  ;[BLUE, RED, , , , BLACK, PAPER, GRID] = COLOURS
+}
+paint()
+
+const axisStyle = () => ({
   axis_label_text_font_size: '15px', axis_label_text_font_style: 'normal', axis_label_text_color: BLACK,
   major_label_text_font_size: '14px', major_label_text_color: BLACK, axis_line_color: BLACK,
-}
+  major_tick_line_color: BLACK, minor_tick_line_color: BLACK,
+})
 const DASHES = ['solid', 'dashed', 'solid', 'dotdash', 'solid', 'dashed']
 
 /** @type {Promise<any> | null} */
@@ -42,6 +57,7 @@ const load = address => new Promise((resolve, reject) => {
  */
 export async function plot(options) {
   const Bokeh = await bokeh()
+  paint()
   const fine = matchMedia('(pointer: fine)').matches && options.select
   const figure = Bokeh.Plotting.figure({
     height: options.height ?? 220, sizing_mode: 'stretch_width', toolbar_location: null, min_width: 200,
@@ -50,13 +66,13 @@ export async function plot(options) {
     ...(options.xLog ? { x_axis_type: 'log' } : {}), ...(options.yLog ? { y_axis_type: 'log' } : {}),
     min_border_right: 12, min_border_left: 74,
   })
-  for (const axis of [...figure.xaxes, ...figure.yaxes]) Object.assign(axis, AXIS)
+  for (const axis of [...figure.xaxes, ...figure.yaxes]) Object.assign(axis, axisStyle())
   if (options.counted) {
     const ticker = new Bokeh.BasicTicker({ min_interval: 1, num_minor_ticks: 0 })
     for (const one of [...figure.xaxes, ...figure.xgrids]) one.ticker = ticker
   }
-  figure.xgrids.concat(figure.ygrids).forEach(grid => { grid.grid_line_color = '#bbb' })
-  figure.outline_line_color = BLACK
+  figure.xgrids.concat(figure.ygrids).forEach(grid => { grid.grid_line_color = GRID })
+  Object.assign(figure, { outline_line_color: BLACK, background_fill_color: PAPER, border_fill_color: PAPER })
   return figure
 }
 
@@ -67,7 +83,7 @@ export async function furtherAxis(figure, label) {
   const name = `further ${label}`
   figure.extra_y_ranges = { ...figure.extra_y_ranges, [name]: range }
   const axis = new Bokeh.LinearAxis({ y_range_name: name, axis_label: label })
-  figure.add_layout(Object.assign(axis, AXIS), 'right')
+  figure.add_layout(Object.assign(axis, axisStyle()), 'right')
   return { name, range }
 }
 
@@ -116,7 +132,7 @@ export function legendAbove(figure) {
   const { legend } = figure
   Object.assign(legend, {
     orientation: 'horizontal', label_text_font_size: '15px', label_text_color: BLACK, border_line_color: null,
-    padding: 0, margin: 0, spacing: 12, background_fill_alpha: 0.85,
+    padding: 0, margin: 0, spacing: 12, background_fill_alpha: 0.85, background_fill_color: PAPER,
   })
   const legends = figure.center.filter(part => part.type === 'Legend')
   figure.center = figure.center.filter(part => part.type !== 'Legend')
