@@ -1,0 +1,333 @@
+"""The performance of an identified aircraft: polar, glide, climb, turn, each with what the model's errors leave open.
+
+Points of steady level flight are trimmed with the model as it flies, effects included; what follows from the polar is
+by the usual formulas (Anderson, Aircraft Performance and Design, ch. 5). Errors are those of models drawn from the
+joint error of the estimates, each with the mass that goes with it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import PchipInterpolator
+
+from gcs.errors import ExportError, SettingsError
+from gcs.exports.exported import Exported
+from gcs.exports.samples import drawn
+from sim_vehicle.constants import STANDARD_GRAVITY
+from sim_vehicle.errors import SimVehicleError
+from sim_vehicle.flight.plant import Plant
+from sim_vehicle.flight.state import Trim
+from sim_vehicle.flight.trim import solve_trim
+from sim_vehicle.physics.atmosphere import density
+from sim_vehicle.physics.propeller import throttle_thrust
+from sim_vehicle.vehicle.packed_model import flatten_vehicle
+from sim_vehicle.vehicle.propulsion import Propulsion
+from sim_vehicle.vehicle.vehicle_file import Vehicle
+from sysid.arrays import Array
+
+SAMPLES, SPEEDS = 100, 24
+# Range of speeds over those that were flown, and over the usual one where the model does not say.
+_BEYOND, _ABOUT = (0.75, 1.25), (0.6, 1.7)
+_FINE = 400
+# A climb of less is none: the service ceiling of a light aircraft, m/s; heights are looked at up to here, m.
+_LEAST_CLIMB, _HIGHEST = 0.5, 8000.0
+# Thrust that no sensor measured, as the vehicle file has it, is known to this share.
+_THRUST_STD = 0.05
+_SLOW = "lies at or below the slowest speed of the table, beyond which the model is not asked"
+_FAST = "lies at or above the fastest speed of the table, beyond which the model is not asked"
+_BEYOND_REACH = {
+    "best_glide_ratio": _SLOW, "best_glide_speed": _SLOW, "min_sink": _SLOW, "min_sink_speed": _SLOW,
+    "max_climb": _SLOW, "max_climb_speed": _SLOW, "max_speed": _FAST,
+    "ceiling": f"it climbs at {_HIGHEST:g} m still, or nowhere", "stall_speed": _SLOW,
+}  # fmt: skip
+_UNITS = {
+    "best_glide_ratio": "1", "best_glide_speed": "m/s", "min_sink": "m/s", "min_sink_speed": "m/s",
+    "max_climb": "m/s", "max_climb_speed": "m/s", "max_speed": "m/s", "ceiling": "m", "min_turn_radius": "m",
+    "stall_speed": "m/s",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Polar:
+    """Trimmed level flight of one model at the same speeds: (N,) angle of attack, rad, and coefficients."""
+
+    speed: Array
+    alpha: Array
+    CL: Array
+    CD: Array
+    weight: float
+    area: float
+
+    def flown(self, count: int = _FINE) -> tuple[Array, Array, Array]:
+        """(count,) lift and drag coefficient and angle of attack between the ends, finely."""
+        order = np.argsort(self.CL)
+        fine = np.linspace(self.CL[order[0]], self.CL[order[-1]], count)
+        along = [PchipInterpolator(self.CL[order], values[order])(fine) for values in (self.CD, self.alpha)]
+        return fine, along[0], along[1]
+
+
+def performance(
+    model: Exported,
+    mass: float | None = None,
+    altitude: float = 0.0,
+    progress: Callable[[float, str], None] = lambda share, text: None,
+) -> dict[str, Any]:
+    """The sheet; the JSON of schema performance/1.
+
+    mass: kg, the vehicle file's without it. altitude: m. Raises SettingsError for what no aircraft has, ExportError or
+    SimVehicleError where the model cannot be trimmed.
+    """
+    if mass is not None and not 0.0 < mass < math.inf:
+        raise SettingsError(f"--mass {mass:g}: give the mass in kg")
+    if not -500.0 <= altitude <= _HIGHEST:
+        raise SettingsError(f"--altitude {altitude:g}: give the height in m, up to {_HIGHEST:g}")
+    rho = float(density(np.array(altitude)))
+    speeds = _speeds(model)
+    best = _polar(model, speeds, rho, mass)
+    warnings = []
+    others: list[tuple[_Polar, float]] = []
+    random = np.random.default_rng(1)
+    try:
+        samples = drawn(model, SAMPLES)
+    except ExportError as error:
+        samples, warnings = [], [f"no intervals: {error}"]
+    for number, one in enumerate(samples):
+        progress((number + 1.0) / len(samples), "models drawn from the errors")
+        try:
+            others.append((_polar(one, best.speed, rho, mass), 1.0 + _THRUST_STD * float(random.standard_normal())))
+        except SimVehicleError:
+            continue
+    if samples and len(others) < 0.9 * len(samples):
+        warnings.append(f"{len(samples) - len(others)} of {len(samples)} models drawn cannot fly level at these speeds")
+    limits = model.model.validity
+    found = {
+        name: _with_errors(name, value, [_figures(model, p, rho, t) for p, t in others], limits)
+        for name, value in _figures(model, best, rho, 1.0).items()
+    }
+    if "stall" not in {effect.name for effect in model.model.effects}:
+        found["stall_speed"] = {"refused": "no stall was approached: fly one, and let gcs discrepancy find it"}
+    if _thrust(model.vehicle, best.speed, rho) is None:
+        why = "thrust at full throttle is not known: give [propulsion] max_thrust, or CT and max_rpm"
+        found |= {name: {"refused": why} for name in ("max_climb", "max_climb_speed", "max_speed", "ceiling")}
+    return {
+        "schema": "performance/1", "model": model.model.name, "vehicle": model.vehicle.name,
+        "mass": mass or model.vehicle.mass.mass, "altitude": altitude, "air_density": rho, "figures": found,
+        "speeds": _curves(model, best, others, rho), "warnings": warnings,
+    }  # fmt: skip
+
+
+def _speeds(model: Exported) -> Array:
+    """(N,) m/s, about those that were flown."""
+    flown = model.model.validity.get("airspeed")
+    usual = model.vehicle.flight.airspeed
+    low, high = (_BEYOND[0] * flown[0], _BEYOND[1] * flown[1]) if flown else (_ABOUT[0] * usual, _ABOUT[1] * usual)
+    return np.linspace(low, high, SPEEDS)
+
+
+def _polar(model: Exported, speeds: Array, rho: float, mass: float | None) -> _Polar:
+    """Level flight at every speed at which the model can; SimVehicleError where that is hardly one."""
+    vehicle = model.vehicle
+    scale = 1.0 if mass is None else mass / model.vehicle.mass.mass
+    weight = scale * vehicle.mass.mass * STANDARD_GRAVITY
+    enough = Propulsion(max_thrust=5.0 * weight)
+    if vehicle.propulsion is not None:
+        enough = replace(vehicle.propulsion, max_thrust=5.0 * weight, CT=(), CQ=())
+    there = replace(
+        vehicle, environment=replace(vehicle.environment, air_density=rho), propulsion=enough,
+        mass=replace(vehicle.mass, mass=scale * vehicle.mass.mass),
+    )  # fmt: skip
+    plant = Plant(there, model.model)
+    rows, near, problem = [], None, None
+    for speed in speeds[::-1]:
+        try:
+            near = trim = solve_trim(plant, float(speed), 0.0, near=near)
+        except SimVehicleError as error:
+            problem = error
+            continue
+        rows.append((float(speed), *_point(plant, trim, float(speed), rho, weight, there)))
+    if len(rows) < SPEEDS // 3 and problem is not None:
+        raise problem
+    speed, alpha, CL, CD = np.array(rows[::-1]).T
+    return _Polar(speed, alpha, CL, CD, weight, vehicle.geometry.S)
+
+
+def _point(
+    plant: Plant, trim: Trim, speed: float, rho: float, weight: float, vehicle: Vehicle
+) -> tuple[float, float, float]:
+    """Angle of attack and the coefficients that carry the weight against the thrust."""
+    alpha = float(plant.outputs(trim.state)[1])
+    thrust = float(trim.command[3] * (vehicle.propulsion.max_thrust or 0.0)) if vehicle.propulsion else 0.0
+    inclined = alpha + (vehicle.propulsion.inclination if vehicle.propulsion else 0.0)
+    pressure = 0.5 * rho * speed**2 * vehicle.geometry.S
+    return alpha, (weight - thrust * math.sin(inclined)) / pressure, thrust * math.cos(inclined) / pressure
+
+
+def _thrust(vehicle: Vehicle, speeds: Array, rho: float) -> Array | None:
+    """(N,) at full throttle, N; None where the vehicle file does not say."""
+    if vehicle.propulsion is None or not vehicle.propulsion.by_throttle:
+        return None
+    constants = flatten_vehicle(vehicle)
+    return np.array([throttle_thrust(1.0, float(speed), rho, constants) for speed in speeds])
+
+
+def _figures(model: Exported, polar: _Polar, rho: float, stronger: float) -> dict[str, tuple[float, float, float]]:
+    """Name -> value, and the speed and angle of attack that it is flown at."""
+    CL, CD, alpha = polar.flown()
+    loading = 2.0 * polar.weight / (rho * polar.area)
+    speed = np.sqrt(loading / CL)
+    # What lies at an end of the polar may lie beyond it.
+    ends = (0, CL.size - 1)
+    glide = int(np.argmax(CL / CD))
+    glides = math.nan if glide in ends else 1.0
+    found = {"best_glide_ratio": (glides * float(CL[glide] / CD[glide]), speed[glide], alpha[glide])}
+    # In a glide lift and drag together carry the weight.
+    air = np.sqrt(loading / np.hypot(CL, CD))
+    sink = air * CD / np.hypot(CL, CD)
+    slow = int(np.argmin(sink))
+    sinks = math.nan if slow in ends else 1.0
+    found["best_glide_speed"] = (glides * float(air[glide]), speed[glide], alpha[glide])
+    found["min_sink"] = (sinks * float(sink[slow]), speed[slow], alpha[slow])
+    found["min_sink_speed"] = (sinks * float(air[slow]), speed[slow], alpha[slow])
+    thrust = _thrust(model.vehicle, speed, rho)
+    if thrust is not None:
+        drag = 0.5 * rho * speed**2 * polar.area * CD
+        climb = (stronger * thrust - drag) * speed / polar.weight
+        top = int(np.argmax(climb))
+        climbs = math.nan if top in ends else 1.0
+        found["max_climb"] = (climbs * float(climb[top]), speed[top], alpha[top])
+        found["max_climb_speed"] = (climbs * float(speed[top]), speed[top], alpha[top])
+        fast = int(np.argmax(np.where(climb >= 0.0, speed, 0.0)))
+        found["max_speed"] = (math.nan if fast in ends else float(speed[fast]), speed[fast], alpha[fast])
+        found["ceiling"] = (_ceiling(model, polar, stronger), speed[top], alpha[top])
+        found |= _turn(polar, rho, CL, CD, alpha, lambda at: stronger * thrust[at])
+    stall = model.model.effect("stall")
+    if stall is not None:
+        at = int(np.argmin(np.abs(alpha - stall["alpha_stall"])))
+        found["stall_speed"] = (float(speed[at]), speed[at], alpha[at])
+    return {name: (value, float(at), float(angle)) for name, (value, at, angle) in found.items()}
+
+
+def _turn(
+    polar: _Polar, rho: float, CL: Array, CD: Array, alpha: Array, thrust: Callable[[int], float]
+) -> dict[str, tuple[float, float, float]]:
+    """The tightest turn that thrust sustains at lift that was flown."""
+    best: tuple[float, float, float] | None = None
+    for i in range(0, CL.size, 8):
+        # At that lift the load grows with the pressure, until drag takes all the thrust.
+        pressure = thrust(i) / (polar.area * CD[i])
+        load = pressure * polar.area * CL[i] / polar.weight
+        if load <= 1.0:
+            continue
+        speed = math.sqrt(2.0 * pressure / rho)
+        radius = speed**2 / (STANDARD_GRAVITY * math.sqrt(load**2 - 1.0))
+        if best is None or radius < best[0]:
+            best = (radius, speed, float(alpha[i]))
+    return {} if best is None else {"min_turn_radius": best}
+
+
+def _ceiling(model: Exported, polar: _Polar, stronger: float) -> float:
+    """Height, m, where the climb falls below what counts as one; NaN where it never does or is never that much."""
+    CL, CD, _ = polar.flown(60)
+    heights = np.linspace(0.0, _HIGHEST, 41)
+    climbs = []
+    for rho in density(heights):
+        speed = np.sqrt(2.0 * polar.weight / (rho * polar.area * CL))
+        thrust = _thrust(model.vehicle, speed, float(rho))
+        assert thrust is not None  # asked where there is one
+        drag = polar.weight * CD / CL
+        climbs.append(float(np.max((stronger * thrust - drag) * speed / polar.weight)))
+    above = np.array(climbs) >= _LEAST_CLIMB
+    if above.all() or not above[0]:
+        return math.nan
+    last = int(np.flatnonzero(above)[-1])
+    return float(np.interp(-_LEAST_CLIMB, [-climbs[last], -climbs[last + 1]], heights[last : last + 2]))
+
+
+def _with_errors(
+    name: str,
+    found: tuple[float, float, float],
+    others: list[dict[str, Any]],
+    limits: Mapping[str, tuple[float, float]],
+) -> dict[str, Any]:
+    """The entry of a figure: value, standard error and 95 % interval of the models drawn, whether it was flown."""
+    value, speed, alpha = found
+    if not math.isfinite(value):
+        return {"refused": _BEYOND_REACH[name]}
+    entry: dict[str, Any] = {"value": value, "unit": _UNITS[name]}
+    drawn_values = np.array([one[name][0] for one in others if name in one and math.isfinite(one[name][0])])
+    if drawn_values.size > SAMPLES // 2:
+        low, high = np.percentile(drawn_values, (2.5, 97.5))
+        entry |= {"std": float(np.std(drawn_values)), "interval": [float(low), float(high)]}
+    inside = [
+        low <= at <= high
+        for key, at in (("airspeed", speed), ("alpha", alpha))
+        if key in limits
+        for low, high in (limits[key],)
+    ]
+    return {**entry, "extrapolated": not all(inside)}
+
+
+def _curves(model: Exported, best: _Polar, others: list[tuple[_Polar, float]], rho: float) -> list[dict[str, Any]]:
+    """At every speed the polar, drag, power and climb, with 95 % of the models drawn."""
+    thrust = _thrust(model.vehicle, best.speed, rho)
+    limits = model.model.validity
+    rows = []
+    for i, speed in enumerate(best.speed):
+        at = [one for one, _ in others if np.any(np.isclose(one.speed, speed))]
+        drags = [0.5 * rho * speed**2 * one.area * float(one.CD[np.argmin(np.abs(one.speed - speed))]) for one in at]
+        drag = 0.5 * rho * speed**2 * best.area * best.CD[i]
+        low, high = limits.get("airspeed", (-math.inf, math.inf))
+        row: dict[str, Any] = {
+            "speed": float(speed), "alpha": float(best.alpha[i]), "CL": float(best.CL[i]), "CD": float(best.CD[i]),
+            "drag": float(drag), "power_required": float(drag * speed), "extrapolated": not low <= speed <= high,
+        }  # fmt: skip
+        if drags:
+            row["drag_interval"] = [float(one) for one in np.percentile(drags, (2.5, 97.5))]
+        if thrust is not None:
+            row |= {
+                "thrust_available": float(thrust[i]), "climb": float((thrust[i] - drag) * speed / best.weight),
+            }  # fmt: skip
+        rows.append(row)
+    return rows
+
+
+_WORDS = {
+    "best_glide_ratio": "best glide ratio", "best_glide_speed": "speed for best glide", "min_sink": "least sink",
+    "min_sink_speed": "speed for least sink", "max_climb": "best climb", "max_climb_speed": "speed for best climb",
+    "max_speed": "largest speed in level flight", "ceiling": "ceiling (climb of 0.5 m/s)",
+    "min_turn_radius": "tightest level turn, radius", "stall_speed": "stall speed, level",
+}  # fmt: skip
+
+
+def performance_text(found: Mapping[str, Any]) -> str:
+    """The sheet as lines."""
+    lines = [
+        f"{found['vehicle']}, model {found['model']}: {found['mass']:.4g} kg at {found['altitude']:.0f} m"
+        f" ({found['air_density']:.3f} kg/m^3)",
+        f"  {'figure':<32}{'value':>9}  {'95 % interval':<20}",
+    ]
+    for name, entry in found["figures"].items():
+        if "refused" in entry:
+            lines.append(f"  {_WORDS[name]:<32}{'-':>9}  {entry['refused']}")
+            continue
+        unit = "" if entry["unit"] == "1" else f" {entry['unit']}"
+        ends = entry.get("interval")
+        between = "" if ends is None else f"{ends[0]:.3g} … {ends[1]:.3g}{unit}"
+        beyond = "  beyond what was flown" if entry["extrapolated"] else ""
+        lines.append(f"  {_WORDS[name]:<32}{entry['value']:>9.3g}  {between:<20}{beyond}".rstrip())
+    lines += [
+        "",
+        f"  {'V, m/s':>7}{'alpha, deg':>12}{'CL':>8}{'CD':>9}{'drag, N':>10}{'power, W':>10}{'climb, m/s':>12}",
+    ]
+    for row in found["speeds"]:
+        climb = f"{row['climb']:.2f}" if "climb" in row else "-"
+        lines.append(
+            f"  {row['speed']:>7.1f}{math.degrees(row['alpha']):>12.1f}{row['CL']:>8.3f}{row['CD']:>9.4f}"
+            f"{row['drag']:>10.3f}{row['power_required']:>10.1f}{climb:>12}{'  beyond' if row['extrapolated'] else ''}"
+        )
+    return "\n".join([*lines, *(f"warning: {one}" for one in found["warnings"])])

@@ -1,0 +1,30 @@
+"""`gcs performance`: polar, glide, climb and turn of an identified aircraft."""
+
+import argparse
+
+NAME = "performance"
+HELP = "say how the aircraft of a model glides, climbs and turns, with intervals"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the command."""
+    parser.add_argument("model", metavar="MODEL.json", help="a model, a result, or the name of a built-in model")
+    parser.add_argument("--vehicle", metavar="FILE", required=True, help="vehicle file or name of a built-in vehicle")
+    parser.add_argument("--mass", metavar="KG", type=float, help="take-off mass (the vehicle file's)")
+    parser.add_argument("--altitude", metavar="M", type=float, default=0.0, help="height in the standard atmosphere")
+    parser.add_argument("--json", action="store_true")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print the sheet."""
+    from gcs.analysis.performance import performance, performance_text
+    from gcs.exports.exported import Exported, model_of
+    from gcs.text.jsontext import dumps
+    from gcs.text.progress import Progress
+    from sim_vehicle.vehicle.vehicle_file import load_vehicle
+
+    model = Exported(model_of(args.model), load_vehicle(args.vehicle))
+    with Progress() as progress:
+        found = performance(model, args.mass, args.altitude, progress)
+    print(dumps(found, indent=2) if args.json else performance_text(found))
+    return 0
