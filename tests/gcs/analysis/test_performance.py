@@ -19,7 +19,7 @@ from sim_vehicle.vehicle.propulsion import Propulsion
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
 
 CD_0, K, G = 0.03, 0.06, 9.80665
-THRUST = 4.0
+THRUST = 2.0
 
 
 def parabolic(std: float = 0.0) -> Exported:
