@@ -66,7 +66,8 @@ class _Polar:
     def flown(self, count: int = _FINE) -> tuple[Array, Array, Array]:
         """(count,) lift and drag coefficient and angle of attack between the ends, finely."""
         order = np.argsort(self.CL)
-        fine = np.linspace(self.CL[order[0]], self.CL[order[-1]], count)
+        # Evenly in speed, which goes with the root of the inverse.
+        fine = np.linspace(self.CL[order[0]] ** -0.5, self.CL[order[-1]] ** -0.5, count) ** -2.0
         along = [PchipInterpolator(self.CL[order], values[order])(fine) for values in (self.CD, self.alpha)]
         return fine, along[0], along[1]
 
