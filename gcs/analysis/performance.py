@@ -23,6 +23,7 @@ from sim_vehicle.errors import SimVehicleError
 from sim_vehicle.flight.plant import Plant
 from sim_vehicle.flight.state import Trim
 from sim_vehicle.flight.trim import solve_trim
+from sim_vehicle.model.aerodynamic_terms import parse_term
 from sim_vehicle.physics.atmosphere import density
 from sim_vehicle.physics.propeller import throttle_thrust
 from sim_vehicle.vehicle.packed_model import flatten_vehicle
@@ -40,11 +41,13 @@ _LEAST_CLIMB, _HIGHEST = 0.5, 8000.0
 _THRUST_STD = 0.05
 _SLOW = "lies at or below the slowest speed of the table, beyond which the model is not asked"
 _FAST = "lies at or above the fastest speed of the table, beyond which the model is not asked"
-_BEYOND_REACH = {
-    "best_glide_ratio": _SLOW, "best_glide_speed": _SLOW, "min_sink": _SLOW, "min_sink_speed": _SLOW,
-    "max_climb": _SLOW, "max_climb_speed": _SLOW, "max_speed": _FAST,
-    "ceiling": f"it climbs at {_HIGHEST:g} m still, or nowhere", "stall_speed": _SLOW,
-}  # fmt: skip
+_NEVER = "full throttle does not hold level flight at any speed of the table"
+_NO_STALL = "the angle of attack of the stall is not reached at the slowest speed of the table"
+_OF_THRUST = ("max_climb", "max_climb_speed", "max_speed", "ceiling", "min_turn_radius")
+# Times the weight, of a thrust that holds any level flight.
+_ENOUGH = 100.0
+# Share of the models drawn that must have a figure, else its interval would be that of those that do.
+_MOST_DRAWN = 0.95
 _UNITS = {
     "best_glide_ratio": "1", "best_glide_speed": "m/s", "min_sink": "m/s", "min_sink_speed": "m/s",
     "max_climb": "m/s", "max_climb_speed": "m/s", "max_speed": "m/s", "ceiling": "m", "min_turn_radius": "m",
@@ -87,6 +90,7 @@ def performance(
         raise SettingsError(f"--mass {mass:g}: give the mass in kg")
     if not -500.0 <= altitude <= _HIGHEST:
         raise SettingsError(f"--altitude {altitude:g}: give the height in m, up to {_HIGHEST:g}")
+    _require_drag(model)
     rho = float(density(np.array(altitude)))
     speeds = _speeds(model)
     best = _polar(model, speeds, rho, mass)
@@ -106,6 +110,11 @@ def performance(
     if samples and len(others) < 0.9 * len(samples):
         warnings.append(f"{len(samples) - len(others)} of {len(samples)} models drawn cannot fly level at these speeds")
     limits = model.model.validity
+    if not limits:
+        warnings.append("the model does not say at which speeds it was flown: what is extrapolated is not known")
+    doubtful = [one for one in model.model.not_identified() if parse_term(one).axis in ("CL", "CD", "Cm")]
+    if doubtful:
+        warnings.append(f"not identified, and flown by the mean of a refused estimate: {', '.join(doubtful)}")
     found = {
         name: _with_errors(name, value, [_figures(model, p, rho, t) for p, t in others], limits)
         for name, value in _figures(model, best, rho, 1.0).items()
@@ -114,7 +123,7 @@ def performance(
         found["stall_speed"] = {"refused": "no stall was approached: fly one, and let gcs discrepancy find it"}
     if _thrust(model.vehicle, best.speed, rho) is None:
         why = "thrust at full throttle is not known: give [propulsion] max_thrust, or CT and max_rpm"
-        found |= {name: {"refused": why} for name in ("max_climb", "max_climb_speed", "max_speed", "ceiling")}
+        found |= {name: {"refused": why} for name in _OF_THRUST}
     return {
         "schema": "performance/1", "model": model.model.name, "vehicle": model.vehicle.name,
         "mass": mass or model.vehicle.mass.mass, "altitude": altitude, "air_density": rho, "figures": found,
@@ -122,12 +131,20 @@ def performance(
     }  # fmt: skip
 
 
+def _require_drag(model: Exported) -> None:
+    """Raise ExportError where the model does not say what an aircraft glides by."""
+    known = {parse_term(name).axis for name in model.model.values()}
+    for axis, what in (("CL", "lift"), ("CD", "drag"), ("Cm", "pitching moment")):
+        if axis not in known:
+            raise ExportError(f"{model.model.name}: it has no {what} that was identified ({axis}), and nothing follows")
+
+
 def _speeds(model: Exported) -> Array:
     """(N,) m/s, about those that were flown."""
     flown = model.model.validity.get("airspeed")
     usual = model.vehicle.flight.airspeed
-    low, high = (_BEYOND[0] * flown[0], _BEYOND[1] * flown[1]) if flown else (_ABOUT[0] * usual, _ABOUT[1] * usual)
-    return np.linspace(low, high, SPEEDS)
+    low, high = (_BEYOND[0] * min(flown), _BEYOND[1] * max(flown)) if flown else (_ABOUT[0] * usual, _ABOUT[1] * usual)
+    return np.linspace(max(low, 0.1 * high), high, SPEEDS)
 
 
 def _polar(model: Exported, speeds: Array, rho: float, mass: float | None) -> _Polar:
@@ -135,9 +152,9 @@ def _polar(model: Exported, speeds: Array, rho: float, mass: float | None) -> _P
     vehicle = model.vehicle
     scale = 1.0 if mass is None else mass / model.vehicle.mass.mass
     weight = scale * vehicle.mass.mass * STANDARD_GRAVITY
-    enough = Propulsion(max_thrust=5.0 * weight)
+    enough = Propulsion(max_thrust=_ENOUGH * weight)
     if vehicle.propulsion is not None:
-        enough = replace(vehicle.propulsion, max_thrust=5.0 * weight, CT=(), CQ=())
+        enough = replace(vehicle.propulsion, max_thrust=_ENOUGH * weight, CT=(), CQ=())
     there = replace(
         vehicle, environment=replace(vehicle.environment, air_density=rho), propulsion=enough,
         mass=replace(vehicle.mass, mass=scale * vehicle.mass.mass),
@@ -176,63 +193,72 @@ def _thrust(vehicle: Vehicle, speeds: Array, rho: float) -> Array | None:
     return np.array([throttle_thrust(1.0, float(speed), rho, constants) for speed in speeds])
 
 
-def _figures(model: Exported, polar: _Polar, rho: float, stronger: float) -> dict[str, tuple[float, float, float]]:
-    """Name -> value, and the speed and angle of attack that it is flown at."""
+_Figure = tuple[float | str, float, float]
+
+
+def _figures(model: Exported, polar: _Polar, rho: float, stronger: float) -> dict[str, _Figure]:
+    """Name -> value, or why there is none, and the speed and angle of attack that it is flown at."""
     CL, CD, alpha = polar.flown()
     loading = 2.0 * polar.weight / (rho * polar.area)
     speed = np.sqrt(loading / CL)
-    # What lies at an end of the polar may lie beyond it.
-    ends = (0, CL.size - 1)
-    glide = int(np.argmax(CL / CD))
-    glides = math.nan if glide in ends else 1.0
-    found = {"best_glide_ratio": (glides * float(CL[glide] / CD[glide]), speed[glide], alpha[glide])}
+
+    def at(i: int, value: float) -> _Figure:
+        # What lies at an end of the polar may lie beyond it: the last has the most lift.
+        beyond = _SLOW if i == CL.size - 1 else _FAST if i == 0 else ""
+        return beyond or float(value), float(speed[i]), float(alpha[i])
+
     # In a glide lift and drag together carry the weight.
     air = np.sqrt(loading / np.hypot(CL, CD))
     sink = air * CD / np.hypot(CL, CD)
-    slow = int(np.argmin(sink))
-    sinks = math.nan if slow in ends else 1.0
-    found["best_glide_speed"] = (glides * float(air[glide]), speed[glide], alpha[glide])
-    found["min_sink"] = (sinks * float(sink[slow]), speed[slow], alpha[slow])
-    found["min_sink_speed"] = (sinks * float(air[slow]), speed[slow], alpha[slow])
+    glide, slow = int(np.argmax(CL / CD)), int(np.argmin(sink))
+    found = {
+        "best_glide_ratio": at(glide, CL[glide] / CD[glide]), "best_glide_speed": at(glide, air[glide]),
+        "min_sink": at(slow, sink[slow]), "min_sink_speed": at(slow, air[slow]),
+    }  # fmt: skip
     thrust = _thrust(model.vehicle, speed, rho)
     if thrust is not None:
-        drag = 0.5 * rho * speed**2 * polar.area * CD
-        climb = (stronger * thrust - drag) * speed / polar.weight
-        top = int(np.argmax(climb))
-        climbs = math.nan if top in ends else 1.0
-        found["max_climb"] = (climbs * float(climb[top]), speed[top], alpha[top])
-        found["max_climb_speed"] = (climbs * float(speed[top]), speed[top], alpha[top])
-        fast = int(np.argmax(np.where(climb >= 0.0, speed, 0.0)))
-        found["max_speed"] = (math.nan if fast in ends else float(speed[fast]), speed[fast], alpha[fast])
-        found["ceiling"] = (_ceiling(model, polar, stronger), speed[top], alpha[top])
-        found |= _turn(polar, rho, CL, CD, alpha, lambda at: stronger * thrust[at])
+        thrust = stronger * thrust
+        climb = (thrust - 0.5 * rho * speed**2 * polar.area * CD) * speed / polar.weight
+        top, level = int(np.argmax(climb)), np.flatnonzero(climb >= 0.0)
+        found["max_climb"], found["max_climb_speed"] = at(top, climb[top]), at(top, speed[top])
+        found["ceiling"] = (_ceiling(model, polar, stronger), float(speed[top]), float(alpha[top]))
+        nowhere: _Figure = (_NEVER, 0.0, 0.0)
+        fast = int(level[0]) if level.size else 0
+        found["max_speed"] = at(fast, speed[fast]) if level.size else nowhere
+        found["min_turn_radius"] = _turn(polar, rho, thrust) if level.size else nowhere
     stall = model.model.effect("stall")
     if stall is not None:
-        at = int(np.argmin(np.abs(alpha - stall["alpha_stall"])))
-        found["stall_speed"] = (float(speed[at]), speed[at], alpha[at])
-    return {name: (value, float(at), float(angle)) for name, (value, at, angle) in found.items()}
+        near = int(np.argmin(np.abs(alpha - stall["alpha_stall"])))
+        reached = float(np.max(alpha)) >= stall["alpha_stall"]
+        found["stall_speed"] = (float(speed[near]) if reached else _NO_STALL, float(speed[near]), float(alpha[near]))
+    return found
 
 
-def _turn(
-    polar: _Polar, rho: float, CL: Array, CD: Array, alpha: Array, thrust: Callable[[int], float]
-) -> dict[str, tuple[float, float, float]]:
-    """The tightest turn that thrust sustains at lift that was flown."""
-    best: tuple[float, float, float] | None = None
-    for i in range(0, CL.size, 8):
-        # At that lift the load grows with the pressure, until drag takes all the thrust.
-        pressure = thrust(i) / (polar.area * CD[i])
-        load = pressure * polar.area * CL[i] / polar.weight
+def _turn(polar: _Polar, rho: float, thrust: Array) -> _Figure:
+    """The tightest turn that thrust sustains at lift that was flown. thrust: (N,) N, at the speeds of level flight."""
+    CL, CD, alpha = polar.flown()
+    speed = np.sqrt(2.0 * polar.weight / (rho * polar.area * CL))
+    best: _Figure = (_NEVER, 0.0, 0.0)
+    tightest = math.inf
+    for i in range(CL.size):
+        # At that lift drag goes with the pressure: the fastest flight in which thrust holds it.
+        drag = 0.5 * rho * speed**2 * polar.area * CD[i]
+        held = np.flatnonzero(thrust >= drag)
+        if not held.size:
+            continue
+        fast = float(speed[held[0]])
+        load = 0.5 * rho * fast**2 * polar.area * float(CL[i]) / polar.weight
         if load <= 1.0:
             continue
-        speed = math.sqrt(2.0 * pressure / rho)
-        radius = speed**2 / (STANDARD_GRAVITY * math.sqrt(load**2 - 1.0))
-        if best is None or radius < best[0]:
-            best = (radius, speed, float(alpha[i]))
-    return {} if best is None else {"min_turn_radius": best}
+        radius = fast**2 / (STANDARD_GRAVITY * math.sqrt(load**2 - 1.0))
+        if radius < tightest:
+            tightest = radius
+            best = (_SLOW if i == CL.size - 1 else radius, fast, float(alpha[i]))
+    return best
 
 
-def _ceiling(model: Exported, polar: _Polar, stronger: float) -> float:
-    """Height, m, where the climb falls below what counts as one; NaN where it never does or is never that much."""
+def _ceiling(model: Exported, polar: _Polar, stronger: float) -> float | str:
+    """Height, m, where the climb falls below what counts as one, or why there is none."""
     CL, CD, _ = polar.flown(60)
     heights = np.linspace(0.0, _HIGHEST, 41)
     climbs = []
@@ -243,25 +269,27 @@ def _ceiling(model: Exported, polar: _Polar, stronger: float) -> float:
         drag = polar.weight * CD / CL
         climbs.append(float(np.max((stronger * thrust - drag) * speed / polar.weight)))
     above = np.array(climbs) >= _LEAST_CLIMB
-    if above.all() or not above[0]:
-        return math.nan
+    if above.all():
+        return f"it still climbs at {_HIGHEST:g} m"
+    if not above[0]:
+        return f"it climbs by less than {_LEAST_CLIMB:g} m/s at 0 m already"
     last = int(np.flatnonzero(above)[-1])
     return float(np.interp(-_LEAST_CLIMB, [-climbs[last], -climbs[last + 1]], heights[last : last + 2]))
 
 
 def _with_errors(
     name: str,
-    found: tuple[float, float, float],
-    others: list[dict[str, Any]],
+    found: _Figure,
+    others: list[dict[str, _Figure]],
     limits: Mapping[str, tuple[float, float]],
 ) -> dict[str, Any]:
     """The entry of a figure: value, standard error and 95 % interval of the models drawn, whether it was flown."""
     value, speed, alpha = found
-    if not math.isfinite(value):
-        return {"refused": _BEYOND_REACH[name]}
+    if isinstance(value, str):
+        return {"refused": value}
     entry: dict[str, Any] = {"value": value, "unit": _UNITS[name]}
-    drawn_values = np.array([one[name][0] for one in others if name in one and math.isfinite(one[name][0])])
-    if drawn_values.size > SAMPLES // 2:
+    drawn_values = np.array([one[name][0] for one in others if name in one and not isinstance(one[name][0], str)])
+    if others and drawn_values.size >= _MOST_DRAWN * len(others):
         low, high = np.percentile(drawn_values, (2.5, 97.5))
         entry |= {"std": float(np.std(drawn_values)), "interval": [float(low), float(high)]}
     inside = [
@@ -270,7 +298,7 @@ def _with_errors(
         if key in limits
         for low, high in (limits[key],)
     ]
-    return {**entry, "extrapolated": not all(inside)}
+    return {**entry, "extrapolated": not all(inside) if inside else None}
 
 
 def _curves(model: Exported, best: _Polar, others: list[tuple[_Polar, float]], rho: float) -> list[dict[str, Any]]:

@@ -102,7 +102,7 @@ def systematic(model: Result) -> str:
     causes = list(dict.fromkeys(cause for moved in entries.values() for cause in moved))
     rows = [[_named(name), *(number(moved.get(cause), 2) for cause in causes)] for name, moved in entries.items()]
     head = ["coefficient", *(_perturbation(cause) for cause in causes)]
-    return table("What was taken as known, and its part in σ: what such an error changes", head, rows)
+    return table("What was taken as known: what such an error changes", head, rows)
 
 
 def derivatives(found: Mapping[str, Mapping[str, Any]]) -> str:

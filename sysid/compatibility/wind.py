@@ -42,7 +42,21 @@ def mean_wind(
     dict
         North, east and, with a vane of the angle of attack, down, m/s; empty where a flight lacks what is needed.
     """
-    parts = [part for flight in flights for part in _blocks(flight)]
+    found = [one for flight in flights if (one := _of_one(flight, scale))]
+    if len(found) < 2:
+        return found[0] if found else {}
+    together = {}
+    for name in found[0]:
+        values, stds = np.array([one[name][:2] for one in found if name in one]).T
+        # Each flight has a wind of its own.
+        std = np.hypot(np.sqrt(np.mean(stds**2) / values.size), np.std(values, ddof=1))
+        together[name] = (float(np.mean(values)), float(std), "m/s")
+    return together
+
+
+def _of_one(flight: Prepared, scale: tuple[float, float] | None) -> dict[str, tuple[float, float, str]]:
+    """The same of one flight."""
+    parts = _blocks(flight)
     if len(parts) < _LEAST_BLOCKS:
         return {}
     over_ground, through_air = (np.array([one[key] for one in parts]) for key in (0, 1))
@@ -67,7 +81,7 @@ def mean_wind(
     speed = float(np.hypot(*theta[:2]))
     for i, name in enumerate(_NAMES[:2]):
         found[name] = (float(theta[i]), float(np.hypot(np.sqrt(covariance[i, i]), _WANDERS * speed)), "m/s")
-    if all("alpha" in flight.data for flight in flights):
+    if "alpha" in flight.data:
         down = over_ground[:, 2] - through_air[:, 2]
         own = max(float(np.std(down, ddof=1)), _LEAST) / np.sqrt(count)
         fast = float(np.mean(np.hypot(flat[:, 0], flat[:, 1])))
@@ -83,7 +97,7 @@ def _blocks(flight: Prepared) -> list[tuple[Array, Array]]:
     columns: Mapping[str, Array] = data.columns
     nothing = np.zeros(data.time_s.size)
     V = columns["airspeed"] * flight.layout.airspeed_factor
-    alpha, beta = (np.nan_to_num(columns.get(name, nothing)) for name in ("alpha", "beta"))
+    alpha, beta = (columns.get(name, nothing) for name in ("alpha", "beta"))
     u, v, w = V * np.cos(alpha) * np.cos(beta), V * np.sin(beta), V * np.sin(alpha) * np.cos(beta)
     phi, theta, psi = (columns[name] for name in ("phi", "theta", "psi"))
     along = u * np.cos(theta) + (v * np.sin(phi) + w * np.cos(phi)) * np.sin(theta)
@@ -96,6 +110,6 @@ def _blocks(flight: Prepared) -> list[tuple[Array, Array]]:
     for begin in range(0, data.time_s.size - length + 1, length):
         here = slice(begin, begin + length)
         good = np.isfinite(ground[here]).all(axis=1) & np.isfinite(air[here]).all(axis=1)
-        if np.count_nonzero(good) > 0.5 * length or np.count_nonzero(good) >= 3:
+        if np.count_nonzero(good) > 0.5 * length:
             found.append((ground[here][good].mean(axis=0), air[here][good].mean(axis=0)))
     return found

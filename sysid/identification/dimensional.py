@@ -1,8 +1,8 @@
 """Dimensional derivatives: what a flight shows of an aircraft before its mass and moments of inertia are known.
 
 Force or moment per mass or moment of inertia, as control engineers use them (Nelson, Flight Stability and Automatic
-Control, 2nd ed., tables 3.5 and 3.6): M_alpha = Cm_alpha Q S c / Iyy, M_q = Cm_q Q S c^2 / (2 V Iyy). No product of
-inertia is in them.
+Control, 2nd ed., tables 3.5 and 3.6): M_alpha = Cm_alpha Q S c / Iyy, M_q = Cm_q Q S c^2 / (2 V Iyy). Each is of one
+coefficient: no product of inertia is in them, and no drag in Z_alpha = -CL_alpha Q S / m.
 """
 
 from __future__ import annotations

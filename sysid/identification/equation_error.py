@@ -32,7 +32,7 @@ from sysid.signals.flight import FlightData
 from sysid.signals.preparation import Prepared, in_even_air
 from sysid.signals.record import Record
 from sysid.uncertainty.bench_errors import SURFACE_CLOCK, late, linkage_errors
-from sysid.uncertainty.systematic import LATE, SHARE, Perturbation, perturbations
+from sysid.uncertainty.systematic import SHARE, Perturbation, linear, repeated
 from sysid.uncertainty.travel import travel_shares
 
 # Sensor errors enter nearly linearly; half a standard error keeps what is not linear small.
@@ -114,18 +114,36 @@ def estimate_by_equations(
     bands = band_estimates(equations, statistical)
     joint = widened(statistical, equations, bands)
     stated = _from_linkages(step, prepared, vehicle, compatible, make_parts)
-    moved = np.array([[shifts[error] for error in shifts] for shifts in stated.values()])
-    joint = replace(joint, covariance=joint.covariance + moved @ moved.T)
-    if known is not None:
-        joint = joint.combined(known)
     usual = _systematic(step, prepared, vehicle, compatible, make_parts) if systematic else {}
     effects = {name: {**usual.get(name, {}), **shifts} for name, shifts in stated.items()}
+    if known is not None:
+        flight, joint = joint, joint.combined(known)
+        effects = _followed(effects, flight, joint)
+    sources = list(dict.fromkeys(source for shifts in stated.values() for source in shifts))
+    moved = np.zeros((len(joint.names), len(sources)))
+    for i, name in enumerate(joint.names):
+        moved[i] = [effects.get(name, {}).get(source, 0.0) for source in sources]
+    joint = replace(joint, covariance=joint.covariance + moved @ moved.T)
     report, warnings = regression_report(parts, body_of(vehicle), axes, joint, command_first, diffuse(names))
     for axis in report.values():
         for name, term in axis["terms"].items():
             term["bands"] = _bands_json(bands.get(name))
     refused = tuple(_refusals(joint, names, bands, travel_shares(stated)))
     return EquationEstimate(joint, axes, refused, effects, report, (*warnings, *warning(bands)))
+
+
+def _followed(
+    effects: Mapping[str, Mapping[str, float]], flight: Gaussian, joint: Gaussian
+) -> dict[str, dict[str, float]]:
+    """The changes as far as the estimate follows the flight, where a prior holds it."""
+    place = [joint.names.index(name) for name in flight.names]
+    share = joint.covariance[np.ix_(place, place)] @ flight.information()
+    found: dict[str, dict[str, float]] = {name: {} for name in flight.names}
+    for source in dict.fromkeys(source for shifts in effects.values() for source in shifts):
+        moved = share @ np.array([effects.get(name, {}).get(source, 0.0) for name in flight.names])
+        for name, shift in zip(flight.names, moved, strict=True):
+            found[name][source] = float(shift)
+    return found
 
 
 def _bands_json(found: BandEstimates | None) -> dict[str, Any] | None:
@@ -171,7 +189,7 @@ def _systematic(
     them.
     """
     records = [stretch.record for flight in prepared for stretch in flight.stretches]
-    changes = [*((one, SHARE) for one in perturbations(vehicle, records)), (LATE, 1.0)]
+    changes = [*((one, SHARE) for one in linear(vehicle)), *((one, 1.0) for one in repeated(records))]
     return _moved_by(changes, step, prepared, vehicle, compatible, make_parts)
 
 

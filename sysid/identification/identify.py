@@ -254,6 +254,7 @@ def _by_posterior(asked: Request, read: FlightsRead, known: CompatibilityResult 
     scale = found.estimate.airspeed_scale()
     errors = {
         **found.estimate.sensor_errors(UNINFORMED_RATIO),
+        **found.estimate.attitude_errors(UNINFORMED_RATIO),
         **mean_wind(found.prepared, scale),
     }
     mistakes = read.mistakes()

@@ -32,7 +32,6 @@ from sysid.posterior.likelihood import Prior
 from sysid.posterior.nuisance_priors import (
     FLOW_OF,
     GROUPS,
-    PRODUCT_INERTIA,
     SURFACES_OF,
     THRUST_BY_SPEED_STD,
     Nuisance,
@@ -182,7 +181,8 @@ def estimate(
     doubts = [
         one
         for one in doubts_of(vehicle, not any(part.thrust_from == "throttle" for part in parts))
-        if one.stated or systematic
+        # The product of inertia is estimated from the lateral motion, and the rest hardly goes with it.
+        if (one.stated or systematic) and one.name != "Ixz_std"
     ]
     found: dict[str, GroupEstimate] = {}
     left_out: dict[str, str] = {}
@@ -328,8 +328,6 @@ def _start_search(
         known_to = sum(one.std for one in unknowns if one.name == scale)
         doubts = [*doubts, *flow_doubts(flow, float(np.hypot(known_to, vane_noise)), zero_stds(vehicle)[flow])]
         unknowns = unknowns.without(scale)
-    if any(one.name == PRODUCT_INERTIA for one in unknowns):
-        doubts = [one for one in doubts if one.name != "Ixz_std"]  # it is estimated
     own = {name: entry for name, entry in structure.coefficients.items() if name in names}
     structure = replace(structure, coefficients=own, correlation=None)
     model = GroupModel(parts, vehicle, structure, names, effects, group, outputs, unknowns, flow_imposed)

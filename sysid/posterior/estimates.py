@@ -22,8 +22,7 @@ _SURFACE_WORDS = {signal: name for name, signal in DEFLECTION_SIGNALS.items()}
 # The rate that a surface commands.
 _COMMANDED = {"de": "q", "da": "p", "dr": "r"}
 _UNIT_OF = {output: unit for output, form, unit, _ in SENSOR_ERRORS.values() if form == "bias"}
-# What stands for an output's zero, where it is no mean that is left; for its scale factor, and the null of that.
-_ZEROS = {"phi": "phi_offset", "theta": "theta_offset"}
+# What stands for an output's scale factor, and its null.
 _GAINS = {"alpha": ("alpha_scale", 1.0), "beta": ("beta_scale", 1.0), "airspeed": ("airspeed_error", 0.0)}
 # Above this share of its prior a flight holds no information on a number.
 UNINFORMED_RATIO = 0.7
@@ -123,17 +122,28 @@ class PosteriorEstimate:
         """Value, standard error and unit of the zeros and gains of sensors that the estimate stands on; of those that
         it estimated better than `share` of what was known before.
         """
-        # Of two groups that estimate the same one, the surer counts.
-        every = sorted(self.nuisances, key=lambda one: -one.std)
-        informed = {one.name: one for one in every if one.std < share * one.prior_std}
+        informed = self._informed(share)
         found = {}
         for error, (output, form, unit, _) in SENSOR_ERRORS.items():
-            name, null = (
-                (_ZEROS.get(output, f"{output}_zero"), 0.0) if form == "bias" else _GAINS.get(output, ("", 0.0))
-            )
+            name, null = (f"{output}_zero", 0.0) if form == "bias" else _GAINS.get(output, ("", 0.0))
             if name in informed:
                 found[error] = (informed[name].value - null, informed[name].std, unit)
         return found
+
+    def attitude_errors(self, share: float) -> dict[str, tuple[float, float, str]]:
+        """The same of the attitude's offsets, which the motion of each group has and no comparison takes off."""
+        informed = self._informed(share)
+        names = {"phi_bias": "phi_offset", "theta_bias": "theta_offset"}
+        return {
+            error: (informed[name].value, informed[name].std, "rad")
+            for error, name in names.items()
+            if name in informed
+        }
+
+    def _informed(self, share: float) -> dict[str, NuisanceEstimate]:
+        """Of two groups that estimate the same one, the surer counts."""
+        every = sorted(self.nuisances, key=lambda one: -one.std)
+        return {one.name: one for one in every if one.std < share * one.prior_std}
 
     def airspeed_scale(self) -> tuple[float, float] | None:
         """Scale error of the airspeed's reading and its standard error, of the group that knows it best; None where it

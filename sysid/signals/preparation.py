@@ -201,7 +201,7 @@ def unmeasured_thrust(prepared: Sequence[Prepared], known_by_rpm: float | None =
     sources = dict.fromkeys(
         flight.thrust_source for flight in prepared if flight.thrust_source.signal in ("rpm", "throttle")
     )
-    counted = "the systematic column counts 5 % of thrust (thrust_5pct)"
+    counted = "the bars hold an error of 5 % of it (thrust_5pct)"
     estimated = f"one gain for all of it is estimated, known to {known_by_rpm or 0.0:.0%} before"
     return [
         f"thrust {source}, not measured: its errors become errors of drag, and of lift by the sine of alpha; "

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -54,14 +55,14 @@ def _more_travel(record: Record) -> Record:
 
 
 def _stronger(vehicle: Vehicle) -> Vehicle:
-    return stronger(vehicle, 1.0 + 0.05 * SHARE)
+    return stronger(vehicle, 1.05)
 
 
 def _stronger_known(record: Record) -> Record:
     """Thrust that followed from the propeller's speed before the simulation."""
     if record.thrust_source.law != THRUST_BY_SQUARE:
         return record
-    return replace(record, thrust=(1.0 + 0.05 * SHARE) * record.thrust)
+    return replace(record, thrust=1.05 * record.thrust)
 
 
 def _later_commands(record: Record) -> Record:
@@ -73,7 +74,8 @@ def _later_commands(record: Record) -> Record:
 _DENSITY = Perturbation(DENSITY, record=_denser)
 # Where the vehicle file does not say how well linkages are known: the bars hold what it says.
 LINKAGE = Perturbation("linkage_5pct", record=_more_travel)
-# Where thrust is not measured; a propeller's published coefficients hold to about this for the next one of its kind.
+# Where thrust is not measured: a propeller's published coefficients hold to about this for the next one of its kind. It
+# is the whole of it.
 THRUST = Perturbation("thrust_5pct", vehicle=_stronger, record=_stronger_known)
 LATE = Perturbation("timing_10ms", record=_later_commands)  # the whole of it
 _REPEATED_STEPS = 12  # of Gauss-Newton, from the estimate
@@ -94,24 +96,24 @@ def linear(vehicle: Vehicle) -> tuple[Perturbation, ...]:
     return (*of_mass, _DENSITY, *((LINKAGE,) if unstated else ()))
 
 
-def perturbations(vehicle: Vehicle, records: Sequence[Record]) -> tuple[Perturbation, ...]:
-    """Those that move the estimate linearly: the thrust's only where it was not measured."""
-    measured = all(record.thrust_source.measured for record in records)
-    return linear(vehicle) if measured else (*linear(vehicle), THRUST)
+def repeated(records: Sequence[Record]) -> tuple[Perturbation, ...]:
+    """Those that do not fit, with which an estimation is made again: the thrust's only where it was not measured."""
+    return (LATE,) if all(record.thrust_source.measured for record in records) else (LATE, THRUST)
 
 
 def systematic_errors(here: OutputErrorLinearisation) -> dict[str, dict[str, float]]:
     """Change of every estimated parameter under each perturbation: parameter -> perturbation -> change.
 
-    At the estimate before the noise of thrust and propeller speed is taken out, which hardly moves the slopes. NaN for
-    late commands where the repeated estimation, or the one beside it on the same runs, came to no end.
+    At the estimate before the noise of thrust and propeller speed is taken out, which hardly moves the slopes. Of what
+    is repeated NaN for late commands, and nothing for thrust, where the estimation, or the one beside it on the same
+    runs, came to no end.
     """
     result, theta = here.result, here.result.theta
     values = {parameter.name: float(v) for parameter, v in zip(result.parameters, theta, strict=False)}
     start = warmed(here.problem, result)
     moved: dict[str, dict[str, float]] = {name: {} for name in values}
     information, _ = here.normal
-    changes = perturbations(start.vehicle, start.records)
+    changes = linear(start.vehicle)
     shifts = []
     for change in changes:
         changed = replace(
@@ -123,32 +125,39 @@ def systematic_errors(here: OutputErrorLinearisation) -> dict[str, dict[str, flo
         step = damped_step(information, downhill, 0.0, start.records[0].flight)
         for i, name in enumerate(values):
             moved[name][change.name] = float(step[i]) / SHARE
-    late = _moved_by_late_commands(_some_runs(here, start), start, here.model, here.coefficients, here.effects, values)
+    again = _moved_by_repeated(_some_runs(here, start), start, here.model, here.coefficients, here.effects, values)
     for name in values:
-        moved[name][LATE.name] = late.get(name, math.nan)
+        moved[name] |= {change: shifts[name] for change, shifts in again.items()}
+        moved[name].setdefault(LATE.name, math.nan)
     return moved
 
 
-def _moved_by_late_commands(
+def _moved_by_repeated(
     some: Problem,
     whole: Problem,
     model: Model,
     coefficients: Sequence[str],
     effects: Sequence[tuple[str, str]],
     values: dict[str, float],
-) -> dict[str, float]:
-    """Change of every parameter, estimated on `some` runs of the `whole`; none where that does not come to an end."""
-    late = replace(some, records=tuple(map(LATE.record, some.records)))
-    try:
-        if some is not whole:
-            undelayed = fit(some, model, coefficients, effects, values, max_iterations=_REPEATED_STEPS)
-            if not undelayed.converged:
-                return {}
-            values = {name: undelayed.value(name) for name in values}
-        again = fit(late, model, coefficients, effects, values, max_iterations=_REPEATED_STEPS)
-    except EstimationError:
-        return {}
-    return {name: again.value(name) - value for name, value in values.items()} if again.converged else {}
+) -> dict[str, dict[str, float]]:
+    """Change of every parameter under each of `repeated`, estimated on `some` runs of the `whole`; without those that
+    do not come to an end.
+    """
+    found: dict[str, dict[str, float]] = {}
+    if some is not whole:
+        with suppress(EstimationError):
+            unchanged = fit(some, model, coefficients, effects, values, max_iterations=_REPEATED_STEPS)
+            if unchanged.converged:
+                values, whole = {name: unchanged.value(name) for name in values}, some
+        if whole is not some:
+            return found
+    for change in repeated(some.records):
+        changed = replace(some, vehicle=change.vehicle(some.vehicle), records=tuple(map(change.record, some.records)))
+        with suppress(EstimationError):
+            again = fit(changed, model, coefficients, effects, values, max_iterations=_REPEATED_STEPS)
+            if again.converged:
+                found[change.name] = {name: again.value(name) - value for name, value in values.items()}
+    return found
 
 
 def _some_runs(here: OutputErrorLinearisation, problem: Problem) -> Problem:
@@ -197,7 +206,8 @@ def systematic_in_turbulence(
     # What the estimate itself would still move by, its iteration having stopped, is no effect of a change.
     unfinished = build_filter(problem, model, coefficients, effects).step_at(result)
     moved: dict[str, dict[str, float]] = {name: {} for name in names}
-    for change, share in (*((one, SHARE) for one in linear(problem.vehicle)), (LATE, 1.0)):
+    changes = [*((one, SHARE) for one in linear(problem.vehicle)), *((one, 1.0) for one in repeated(problem.records))]
+    for change, share in changes:
         changed = replace(
             problem, vehicle=change.vehicle(problem.vehicle), records=tuple(map(change.record, problem.records))
         )

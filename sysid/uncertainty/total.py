@@ -45,13 +45,15 @@ def with_total_errors(model: Model, held: Callable[[str], bool]) -> Model:
         The same estimates.
     """
     known, _ = known_from(model, flown=True)
+    estimated = () if known is None else known.names
     if known is not None:
         added = [shift for source, shift in _shifts(model, known.names).items() if not held(source)]
         covariance = known.covariance + sum((np.outer(one, one) for one in added), np.zeros_like(known.covariance))
         model = replace(model, correlation=replace(known, covariance=covariance).correlation())
 
-    def whole(entry: Coefficient) -> Coefficient:
-        if entry.flown_std is None:
+    def whole(name: str, entry: Coefficient) -> Coefficient:
+        # What was not estimated stays as it was known.
+        if name not in estimated or entry.flown_std is None:
             return entry
         moved: Mapping[str, float] = entry.extra.get("systematic", {})
         total = math.hypot(entry.flown_std, *(shift for source, shift in moved.items() if not held(source)))
@@ -59,13 +61,13 @@ def with_total_errors(model: Model, held: Callable[[str], bool]) -> Model:
             return replace(entry, mean_std=total)
         statistical = math.sqrt(max(total**2 - sum(shift**2 for shift in moved.values()), 0.0))
         parts = {"statistical_std": statistical, "interval": [entry.value - Z95 * total, entry.value + Z95 * total]}
-        return replace(entry, std=total, extra={**parts, **entry.extra})
+        return replace(entry, std=total, extra={**entry.extra, **parts})
 
     return replace(
         model,
-        coefficients={name: whole(entry) for name, entry in model.coefficients.items()},
+        coefficients={name: whole(name, entry) for name, entry in model.coefficients.items()},
         effects=tuple(
-            replace(one, parameters={key: whole(entry) for key, entry in one.parameters.items()})
+            replace(one, parameters={key: whole(f"{one.name}.{key}", entry) for key, entry in one.parameters.items()})
             for one in model.effects
         ),
     )
@@ -82,7 +84,10 @@ def error_parts(model: Model) -> ErrorParts | None:
     known, _ = known_from(model, flown=True)
     if known is None:
         return None
-    shifts = _shifts(model, known.names)
+    entries = [*model.coefficients.values(), *(p for one in model.effects for p in one.parameters.values())]
+    # Of files from before `std` held it all the sources stand beside the errors.
+    whole = any("statistical_std" in entry.extra for entry in entries)
+    shifts = _shifts(model, known.names) if whole else {}
     flight = known.covariance - sum((np.outer(one, one) for one in shifts.values()), np.zeros_like(known.covariance))
     # Of a few decimals of the correlations a difference may become indefinite.
     std = np.sqrt(np.diag(known.covariance))

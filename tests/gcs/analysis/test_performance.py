@@ -11,8 +11,9 @@ import pytest
 
 from gcs.analysis.performance import performance, performance_text
 from gcs.cli import main
-from gcs.errors import SettingsError
+from gcs.errors import ExportError, SettingsError
 from gcs.exports.exported import Exported
+from sim_vehicle.effects import parse_effect
 from sim_vehicle.model.model_file import Coefficient, Correlation, Model, read_model
 from sim_vehicle.physics.atmosphere import density
 from sim_vehicle.vehicle.propulsion import Propulsion
@@ -75,6 +76,16 @@ def test_what_was_not_flown_and_what_is_not_known_is_said() -> None:
     for wrong in ({"mass": 0.0}, {"mass": math.nan}, {"altitude": 1e6}):
         with pytest.raises(SettingsError):
             performance(model, **wrong)
+
+
+def test_a_stall_that_is_not_reached_and_a_drag_that_is_not_known_give_no_number() -> None:
+    model = parabolic()
+    effect, values = parse_effect("stall:alpha_stall=0.5")
+    stalls = replace(model, model=replace(model.model.with_effect(effect, values), validity={"airspeed": (18.0, 20.0)}))
+    assert "is not reached" in performance(stalls)["figures"]["stall_speed"]["refused"]
+    entries = {n: e for n, e in model.model.coefficients.items() if n[:2] != "CD"}
+    with pytest.raises(ExportError, match="no drag"):
+        performance(replace(model, model=replace(model.model, coefficients=entries)))
 
 
 def test_the_command_prints_the_sheet(capsys: pytest.CaptureFixture[str]) -> None:

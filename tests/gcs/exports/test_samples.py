@@ -28,7 +28,9 @@ def guessed() -> Exported:
     for name, value in read_model("iitb-mav").values().items():
         flight = 0.01 * abs(value) + 1e-5
         moved = {"Iyy_std": GUESS * value} if name.startswith("Cm") else {}
-        entries[name] = Coefficient(value, math.hypot(flight, *moved.values()), extra={"systematic": moved})
+        entries[name] = Coefficient(
+            value, math.hypot(flight, *moved.values()), extra={"systematic": moved, "statistical_std": flight}
+        )
     names = tuple(entries)
     stds = np.array([entry.std for entry in entries.values()])
     shared = np.array([entry.extra["systematic"].get("Iyy_std", 0.0) for entry in entries.values()])

@@ -76,7 +76,7 @@ def test_a_timid_flight_is_told_to_tell_less(elevator_plan: Plan) -> None:
                     accelerometer=replace(VEHICLE.sensors.accelerometer, noise=2.0)))  # fmt: skip
     prediction = predict(noisy, MODEL, timid, rehearsals=1)
     refused = {refusal.name: refusal for refusal in prediction.refused}
-    assert "says nothing" in refused["CL_de"].reason
+    assert "not identified" in refused["CL_de"].reason
     assert refused["CL_de"].manoeuvre == "elevator-multisine"
 
 

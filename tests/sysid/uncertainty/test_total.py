@@ -55,6 +55,37 @@ def test_the_parts_are_found_again_in_the_model() -> None:
     assert error_parts(replace(_model(), correlation=None)) is None
 
 
+def test_of_a_file_from_before_all_error_is_the_flights() -> None:
+    old = _model()  # `systematic` stands beside bars that do not hold it
+    late = replace(old.coefficients["CL_alpha"], extra={"systematic": {"mass_1pct": 0.04, "timing_10ms": None}})
+    parts = error_parts(replace(old, coefficients={**old.coefficients, "CL_alpha": late}))
+    assert parts is not None
+    assert parts.shifts == {}
+    assert np.sqrt(np.diag(parts.known.covariance)) == pytest.approx([0.03, 0.05, 2.0], rel=1e-4)
+
+
+def test_what_was_not_estimated_keeps_its_bars() -> None:
+    once = with_total_errors(_model(), lambda source: source == "Iyy_std")
+    kept = replace(once.coefficients["CL_alpha"], value=3.0)
+    beside = replace(_model(), coefficients={**_model().coefficients, "CL_q": kept})
+    assert with_total_errors(beside, lambda source: False).coefficients["CL_q"] == kept
+
+
+def test_parts_add_up_where_a_prior_holds_the_estimate() -> None:
+    """Known well before, a derivative does not follow a travel that is known to 30 %."""
+    flown, _ = fly_mav("elevator-3211", 22, duration=10.0)
+    elevator = replace(VEHICLE.controls["elevator"], gain_std=0.3)
+    unsure = replace(VEHICLE, controls={**VEHICLE.controls, "elevator": elevator})
+    before = Model("p", {"Cm_de": Coefficient(1.6, 0.001)}, correlation=Correlation(("Cm_de",), ((1.0,),)))
+    alone, held = (identify([flown], unsure, method="ee", prior=prior).model for prior in (None, before))
+    for found in (alone, held):
+        entry = found.coefficients["Cm_de"]
+        parts = (entry.extra["statistical_std"], *entry.extra["systematic"].values())
+        assert entry.std == pytest.approx(np.sqrt(np.sum(np.square(parts))), rel=1e-6)
+    assert (alone.coefficients["Cm_de"].std or 0.0) > 0.3
+    assert (held.coefficients["Cm_de"].std or 0.0) < 0.05
+
+
 @pytest.mark.parametrize("method", ["oe", "map"])
 def test_a_guessed_inertia_widens_moments_and_neither_modes_nor_dimensional_derivatives(method: str) -> None:
     """The flight shows Cm over Iyy: the two go wrong together."""

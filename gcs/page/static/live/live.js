@@ -41,11 +41,19 @@ const STATES = {
     : 'Waiting for the first message. Switch the vehicle on; if nothing comes, see the links below.'],
 }
 
-// Within so many m of its lowest an aircraft that falls silent has landed.
+// Within so many m of where it took off an aircraft that falls silent has landed.
 const ON_GROUND_M = 15
-const OUTCOME_MS = 2000
+const OUTCOME_MS = 2000, OUTCOME_FOR_MS = 900_000
 const VERDICTS = { good: 'The flight is good for identification.', care: 'The flight is usable with care.',
   poor: 'The flight is too poor for a model.' }
+
+/** Whether a flight began on the ground, flew, and was near it at the end. */
+function cameDown(outline) {
+  const heights = ['height', 'altitude'].includes(outline?.name) ? outline.values.filter(Number.isFinite) : []
+  const ground = Math.min(...heights)
+  return heights.length > 2 && heights[0] - ground < ON_GROUND_M && heights.at(-1) - ground < ON_GROUND_M
+    && Math.max(...heights) - ground > 2 * ON_GROUND_M
+}
 
 /** What came of a flight's identification, in words. */
 function outcomeWords(outcome) {
@@ -166,14 +174,16 @@ class LiveView {
     if (this.followed === flight) return
     this.followed = flight
     write(this.outcome, '')
+    const until = Date.now() + OUTCOME_FOR_MS
     for (let known = false; !known && this.followed === flight && !this.signal.aborted;) {
       try {
         const { outcome, outline } = await get(`/api/flights/${encodeURIComponent(flight)}`, this.signal)
-        const heights = outline?.name === 'altitude' ? outline.values : []
-        if (heights.length && heights.at(-1) - Math.min(...heights) < ON_GROUND_M) this.down = flight
+        if (this.followed !== flight) return
+        if (cameDown(outline)) this.down = flight
         this.look()
         write(this.outcome, outcomeWords(outcome))
-        known = Boolean(outcome) && !['queued', 'running'].includes(outcome.state)
+        known = Boolean(outcome?.verdict) || Date.now() > until
+          || ['done', 'failed', 'skipped', 'cancelled'].includes(outcome?.state)
       } catch (error) {
         if (this.signal.aborted) return
       }

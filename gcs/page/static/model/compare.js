@@ -69,7 +69,9 @@ function modelSection(page, models, query, signal) {
 
 /** The difference of two estimates in its standard error; null where either has none. */
 export function difference(a, b) {
-  const std = Math.hypot(a?.std ?? NaN, b?.std ?? NaN)
+  // What one aircraft's flights share moves none of their differences.
+  const own = entry => entry?.statistical_std ?? entry?.std ?? NaN
+  const std = Math.hypot(own(a), own(b))
   return std > 0 ? (b.value - a.value) / std : null
 }
 

@@ -48,8 +48,9 @@ const between = entry => {
 export function coefficientTable(model) {
   const head = ['Coefficient', 'Value ± 1 σ', '95 % interval', '0 and the interval', 'Relative σ',
     'σ of the flight alone']
-  return table('Coefficients. σ and interval hold all: what the flight leaves open, and what the vehicle file may be '
-    + 'wrong by',
+  const whole = estimated(model).some(([, entry]) => entry.statistical_std !== undefined)
+  return table(whole ? 'Coefficients. σ and interval hold all: what the flight leaves open, and what the vehicle file '
+    + 'may be wrong by' : 'Coefficients',
     head, estimated(model).map(([name, entry]) =>
       [h('span', {}, h('code', {}, name), h('small', { class: 'meaning' }, meaning(name))), plusMinus(entry),
         between(entry), bars([entry]),

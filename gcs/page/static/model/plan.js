@@ -84,7 +84,8 @@ async function reached(summary, signal) {
   const newest = models.find(model => model.flight_id === summary.id && model.kind === 'identify')
   if (!newest) return {}
   const { coefficients } = await get(`/api/models/${newest.id}`, signal)
-  return Object.fromEntries(Object.entries(coefficients).map(([name, entry]) => [name, entry.std]))
+  return Object.fromEntries(Object.entries(coefficients)
+    .map(([name, entry]) => [name, entry.statistical_std ?? entry.std]))
 }
 
 const degrees = value => `${number(value * 180 / Math.PI, 2)}°`
