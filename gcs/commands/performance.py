@@ -17,8 +17,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print the sheet."""
-    from gcs.analysis.performance import performance, performance_text
     from gcs.exports.exported import Exported, model_of
+    from gcs.exports.performance import performance, performance_text
     from gcs.text.jsontext import dumps
     from gcs.text.progress import Progress
     from sim_vehicle.vehicle.vehicle_file import load_vehicle

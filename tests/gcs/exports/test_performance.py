@@ -9,10 +9,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gcs.analysis.performance import performance, performance_text
 from gcs.cli import main
 from gcs.errors import ExportError, SettingsError
 from gcs.exports.exported import Exported
+from gcs.exports.performance import performance, performance_text
 from sim_vehicle.effects import parse_effect
 from sim_vehicle.model.model_file import Coefficient, Correlation, Model, read_model
 from sim_vehicle.physics.atmosphere import density
