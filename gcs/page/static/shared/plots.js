@@ -2,22 +2,20 @@
 
 import { h } from './dom.js'
 
-// Those of the theme that is shown when a plot is made: whoever imports them sees the present ones.
-export let BLUE = '', RED = '', BLACK = ''
-/** @type {string[]} */
-export let COLOURS = []
-let PAPER = '', GRID = ''
 // Blue, red, green, orange, purple, ink; paper and grid.
 const OF_THEME = {
   light: ['#0b4fc4', '#b3261e', '#00695c', '#b45309', '#6a1b9a', '#000', '#fff', '#bbb'],
   dark: ['#7fb2ff', '#ff8a80', '#5fd3bc', '#ffb74d', '#ce93d8', '#f5f5f5', '#10151c', '#46505e'],
 }
+// Those of the theme that is shown when a plot is made: whoever imports them sees the present ones.
+export let COLOURS = OF_THEME.light
+export let [BLUE, RED, , , , BLACK] = COLOURS
+let [, , , , , , PAPER, GRID] = COLOURS
 
 function paint() {
   COLOURS = OF_THEME[document.documentElement.dataset.theme === 'dark' ? 'dark' : 'light']
   ;[BLUE, RED, , , , BLACK, PAPER, GRID] = COLOURS
 }
-paint()
 
 const axisStyle = () => ({
   axis_label_text_font_size: '15px', axis_label_text_font_style: 'normal', axis_label_text_color: BLACK,
