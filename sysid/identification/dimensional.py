@@ -15,7 +15,7 @@ import numpy as np
 from sim_vehicle.model.aerodynamic_terms import parse_term
 from sim_vehicle.model.model_file import Model
 from sim_vehicle.vehicle.vehicle_file import Vehicle
-from sysid.problem.vehicle_errors import DENSITY, DENSITY_SHARE, doubts_of_mass, heavier
+from sysid.problem.vehicle_errors import under_error
 from sysid.uncertainty.total import ErrorParts
 
 # Axis of a coefficient -> letter of the derivative, what the vehicle's mass has for it, which length, sign.
@@ -56,7 +56,6 @@ def dimensional_derivatives(
     """
     found: dict[str, dict[str, float | str]] = {}
     places = {} if errors is None else {name: i for i, name in enumerate(errors.known.names)}
-    of_mass = doubts_of_mass(vehicle)
     for name, entry in model.coefficients.items():
         term = parse_term(name)
         if term.axis not in _AXES or len(term.factors) != 1 or entry.value is None:
@@ -68,8 +67,7 @@ def dimensional_derivatives(
             place = places[name]
             parts = [scale * float(np.sqrt(errors.known.covariance[place, place]))]
             for source, shift in errors.shifts.items():
-                other = heavier(vehicle, of_mass.get(source, {}), _STEP)
-                denser = density * (1.0 + (DENSITY_SHARE * _STEP if source == DENSITY else 0.0))
+                other, denser = under_error(vehicle, density, source, _STEP)
                 change = per(other, denser) * (entry.value + _STEP * float(shift[place])) - scale * entry.value
                 parts.append(change / _STEP)
             one["std"] = math.hypot(*parts)

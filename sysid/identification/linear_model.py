@@ -26,7 +26,7 @@ from sim_vehicle.vehicle.propulsion import Propulsion
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.problem.model_structure import is_longitudinal, usual_size
-from sysid.problem.vehicle_errors import DENSITY, DENSITY_SHARE, doubts_of_mass, heavier
+from sysid.problem.vehicle_errors import under_error
 from sysid.uncertainty.total import ErrorParts
 
 Complex = NDArray[np.complex128]
@@ -318,17 +318,14 @@ def linearise(
         value = whole.values()[name]
         step = _COEFFICIENT_STEP * max(abs(value), usual_size(name))
         slopes.append(slope(there, whole.with_coefficient(name, value + step), density, step))
-    of_mass, sources = doubts_of_mass(vehicle), {} if errors is None else errors.shifts
+    sources = {} if errors is None else errors.shifts
     for source, shift in sources.items():
         changed = whole
         for i, place in zip(here, places, strict=True):
             moved_to = whole.values()[names[i]] + _SOURCE_STEP * float(shift[place])
             changed = changed.with_coefficient(names[i], moved_to)
-        denser = density * (1.0 + (DENSITY_SHARE * _SOURCE_STEP if source == DENSITY else 0.0))
-        other = replace(
-            heavier(there, of_mass.get(source, {}), _SOURCE_STEP),
-            environment=replace(there.environment, air_density=denser),
-        )
+        other, denser = under_error(there, density, source, _SOURCE_STEP)
+        other = replace(other, environment=replace(there.environment, air_density=denser))
         slopes.append(slope(other, changed, denser, _SOURCE_STEP))
     return LinearModel(
         system, (*names, *sources), block_diag(spread, np.eye(len(sources))), tuple(slopes),

@@ -37,3 +37,11 @@ def heavier(vehicle: Vehicle, by: Mapping[str, float], share: float = 1.0) -> Ve
     """The vehicle with so much of an error of its mass and inertia (of `doubts_of_mass`)."""
     more = {key: getattr(vehicle.mass, key) + share * change for key, change in by.items()}
     return replace(vehicle, mass=replace(vehicle.mass, **more))
+
+
+def under_error(vehicle: Vehicle, density: float, source: str, share: float) -> tuple[Vehicle, float]:
+    """Vehicle and density of the air, kg/m^3, with so many standard deviations of an error, by its name; as they are
+    where it is of neither.
+    """
+    denser = density * (1.0 + (DENSITY_SHARE * share if source == DENSITY else 0.0))
+    return heavier(vehicle, doubts_of_mass(vehicle).get(source, {}), share), denser

@@ -87,15 +87,15 @@ def judge(flight: FieldFlight, method: str, limit: float) -> Line:
     return {**line, "cpu": sum(os.times()[:4]) - began}
 
 
-def read(store: Path) -> dict[tuple[str, int, str, str], Line]:
-    """Lines of the store by flight, method and sources; a last line that was cut off is left out."""
+def read(store: Path, how: str = "method") -> dict[tuple[str, int, str, str], Line]:
+    """Lines of the store by flight, `how` it was taken and sources; a last line that was cut off is left out."""
     lines = {}
     for text in store.read_text(encoding="utf-8").splitlines() if store.exists() else ():
         try:
             line = json.loads(text)
         except json.JSONDecodeError:
             continue
-        lines[line["family"], line["seed"], line["method"], line["version"]] = line
+        lines[line["family"], line["seed"], line[how], line["version"]] = line
     return lines
 
 

@@ -22,6 +22,7 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).parent.parent / "support"))
 
 import numpy as np
+from field import read
 from field_errors import dimensional_truth, sensor_truth
 from field_flight import FAMILIES, FieldFlight, field_flight
 from other_engine import version
@@ -72,18 +73,6 @@ def judge(family: str, seed: int, how: str, flight: FieldFlight) -> Line:
     return {"method": found["method"], "sensors": told, "dimensional": of_aircraft}
 
 
-def read(store: Path) -> dict[tuple[str, int, str, str], Line]:
-    """Lines of the store by flight, what was known, and version; one that was cut off is left out."""
-    lines = {}
-    for text in store.read_text(encoding="utf-8").splitlines() if store.exists() else ():
-        try:
-            line = json.loads(text)
-        except json.JSONDecodeError:
-            continue
-        lines[line["family"], line["seed"], line["known"], line["version"]] = line
-    return lines
-
-
 def row(entries: Iterable[Sequence[float]]) -> str:
     """How many numbers, how many bars hold, the worst miss, and the median bar over the median size of the truth."""
     every = np.array(list(entries))
@@ -121,7 +110,7 @@ def main() -> None:
     parser.add_argument("--store", type=Path, default=Path("campaign-output/sensor-bars/flights.jsonl"))
     options = parser.parse_args()
     options.store.parent.mkdir(parents=True, exist_ok=True)
-    lines, now = read(options.store), version()
+    lines, now = read(options.store, "known"), version()
     known = KNOWN if options.known == "all" else tuple(options.known.split(","))
     flights = [(family, seed) for seed in range(options.seeds) for family in options.families.split(",")]
     for family, seed in flights:
