@@ -36,6 +36,7 @@ def run(args: argparse.Namespace) -> int:
     from gcs.fleet.batch import run as work
     from gcs.fleet.orders import orders
     from gcs.fleet.rows import finding_lines, findings_of, rows_of, write_table
+    from gcs.formats.arrow import has_arrow
     from gcs.jobs.runner import COMPARED_BY
     from gcs.options.outputs import FLEET_TABLE, HTML, require_replaceable
     from gcs.text.progress import Progress
@@ -55,15 +56,16 @@ def run(args: argparse.Namespace) -> int:
     if args.discrepancy is not None:
         options["model"] = read_model(args.discrepancy).to_json()
     table = "findings" if args.discrepancy else "flights"
-    for name, kind in ((f"{table}.parquet", FLEET_TABLE), (f"{table}.csv", FLEET_TABLE), ("fleet.html", HTML)):
+    tables = [f"{table}.{ending}" for ending in ("parquet", "csv") if ending == "csv" or has_arrow()]
+    for name, kind in (*((name, FLEET_TABLE) for name in tables), ("fleet.html", HTML)):
         require_replaceable(args.output / name, kind, force=args.force)
     found = orders(args.sources, vehicle, options, args.campaigns)
     with places(args.workers, args.scheduler) as where, Progress() as progress:
         results = work(found, args.output / "results", where, progress)
     what = "campaigns" if args.campaigns else "flights"
     rows = findings_of(found, results) if args.discrepancy else rows_of(found, results)
-    for ending in ("parquet", "csv"):
-        write_table(rows, args.output / f"{table}.{ending}")
+    for name in tables:
+        write_table(rows, args.output / name)
     lines = finding_lines(rows, what) if args.discrepancy else _reported(rows, args.output / "fleet.html", what)
     failed = [row for row in rows if row["error"]]
     short = [row for row in rows if row["left_out"]]
@@ -71,8 +73,9 @@ def run(args: argparse.Namespace) -> int:
     for line in (*lines, *(f"no result: {row['flight']}: {row['error']}" for row in failed)):
         print(line)
     good, done = len(rows) - len(failed), "compared" if args.discrepancy else "identified"
-    report = "" if args.discrepancy else f"{args.output / 'fleet.html'}, "
-    print(f"{good} of {len(rows)} {what} {done}: {report}{args.output / table}.parquet, {table}.csv")
+    files = tables if args.discrepancy else ["fleet.html", *tables]
+    without = "" if has_arrow() else " (no Parquet: pip install 'flight-model-ground-station[parquet]')"
+    print(f"{good} of {len(rows)} {what} {done}: {args.output / files[0]}, {', '.join(files[1:])}{without}")
     return 0 if good else 1
 
 

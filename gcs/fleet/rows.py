@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import csv
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from gcs.fleet.orders import Order
+from gcs.formats.arrow import arrow
 from gcs.text.intervals import of_the_flight
 
 Row = dict[str, Any]
@@ -85,9 +87,13 @@ def coefficients_of(rows: Sequence[Mapping[str, Any]]) -> list[str]:
 
 def write_table(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
     """Write a table; its ending names the form, .parquet or .csv."""
-    import pyarrow
-    from pyarrow import csv, parquet
-
     names = list(dict.fromkeys(name for row in rows for name in row))
-    table = pyarrow.Table.from_pydict({name: [row.get(name) for row in rows] for name in names})
-    (parquet.write_table if path.suffix.lower() == ".parquet" else csv.write_csv)(table, path)
+    if path.suffix.lower() == ".parquet":
+        pyarrow = arrow()
+        table = pyarrow.Table.from_pydict({name: [row.get(name) for row in rows] for name in names})
+        pyarrow.parquet.write_table(table, path)
+        return
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, names)
+        writer.writeheader()
+        writer.writerows(rows)

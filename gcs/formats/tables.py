@@ -4,27 +4,29 @@ from __future__ import annotations
 
 import csv
 import itertools
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.csv as arrow_csv
-import pyarrow.parquet as parquet
 
 from gcs.errors import DialectError, RecordingError
+from gcs.formats.arrow import arrow
 from gcs.mavlink.dialect import Dialect
 from gcs.recording.joined import all_parts
 from gcs.recording.reader import MessageColumns, Recording
 
+if TYPE_CHECKING:
+    import pyarrow as pa
+
 _BLOCK_ROWS = 4096
+# Name, type and unit of the columns in front.
 _HEAD = (
-    ("log_time_ns", pa.int64(), "ns"),
-    ("publish_time_ns", pa.int64(), "ns"),
-    ("system", pa.uint8(), ""),
-    ("component", pa.uint8(), ""),
-    ("sequence", pa.int64(), ""),
+    ("log_time_ns", np.int64, "ns"),
+    ("publish_time_ns", np.int64, "ns"),
+    ("system", np.uint8, ""),
+    ("component", np.uint8, ""),
+    ("sequence", np.int64, ""),
 )
 
 
@@ -75,6 +77,7 @@ def export_parquet(recording: Path, target: Path) -> None:
     column per element, texts one of text. A column's metadata names its unit. Rows of one message stand together, so
     a reader of few columns reads only what it needs.
     """
+    pa = arrow()
     source = Recording(all_parts(recording))
     units = _Units(source)
     fields = [pa.field("message", pa.string())]
@@ -84,7 +87,7 @@ def export_parquet(recording: Path, target: Path) -> None:
             fields += _fields(columns, units, f"{name}.")
     schema = pa.schema([*_head_fields(), *fields])
     try:
-        with parquet.ParquetWriter(target, schema, compression="zstd") as writer:
+        with pa.parquet.ParquetWriter(target, schema, compression="zstd") as writer:
             for name in source.messages():
                 for columns in source.iter_columns(name):
                     writer.write_table(_wide(columns, schema))
@@ -93,9 +96,13 @@ def export_parquet(recording: Path, target: Path) -> None:
 
 
 def _wide(columns: MessageColumns, schema: pa.Schema) -> pa.Table:
-    given = {**_head(columns), "message": pa.array([columns.name] * len(columns), pa.string())}
+    pa = arrow()
+    given: dict[str, Any] = {**_head(columns), "message": [columns.name] * len(columns)}
     given |= {f"{columns.name}.{label}": values for label, values in _values(columns)}
-    arrays = [given.get(field.name, pa.nulls(len(columns), field.type)) for field in schema]
+    arrays = [
+        pa.array(given[field.name], field.type) if field.name in given else pa.nulls(len(columns), field.type)
+        for field in schema
+    ]
     return pa.Table.from_arrays(arrays, schema=schema)
 
 
@@ -106,7 +113,7 @@ def export_messages(recording: Path, folder: Path, ending: str) -> list[Path]:
     fields. RecordingError if the folder is there already, or cannot be written.
     """
     source = Recording(all_parts(recording))
-    units = _Units(source)
+    write = _messages_writer(source) if ending == "parquet" else _write_csv
     written = []
     try:
         folder.mkdir(parents=True)
@@ -116,11 +123,7 @@ def export_messages(recording: Path, folder: Path, ending: str) -> list[Path]:
             first = next(parts, None)
             if first is None:
                 continue
-            schema = pa.schema([*_head_fields(), *_fields(first, units, "")])
-            with _writer(target, schema, ending) as writer:
-                for columns in itertools.chain((first,), parts):
-                    arrays = [*_head(columns).values(), *(values for _, values in _values(columns))]
-                    writer.write_table(pa.Table.from_arrays(arrays, schema=schema))
+            write(target, first, itertools.chain((first,), parts))
             written.append(target)
     except FileExistsError:
         raise RecordingError(f"{folder} exists already; choose another name, or remove it first") from None
@@ -129,10 +132,28 @@ def export_messages(recording: Path, folder: Path, ending: str) -> list[Path]:
     return written
 
 
-def _writer(target: Path, schema: pa.Schema, ending: str) -> Any:
-    if ending == "csv":
-        return arrow_csv.CSVWriter(target, schema)
-    return parquet.ParquetWriter(target, schema, compression="zstd")
+def _write_csv(target: Path, first: MessageColumns, parts: Iterable[MessageColumns]) -> None:
+    with target.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow([*(name for name, _, _ in _HEAD), *(label for label, _ in _values(first))])
+        for columns in parts:
+            cells = [*_head(columns).values(), *(values for _, values in _values(columns))]
+            # A float of 32 bits in as many digits as it has.
+            writer.writerows(zip(*(one.astype(str) if one.dtype.kind == "f" else one for one in cells), strict=True))
+
+
+def _messages_writer(source: Recording) -> Callable[[Path, MessageColumns, Iterable[MessageColumns]], None]:
+    pa, units = arrow(), _Units(source)
+
+    def write(target: Path, first: MessageColumns, parts: Iterable[MessageColumns]) -> None:
+        schema = pa.schema([*_head_fields(), *_fields(first, units, "")])
+        with pa.parquet.ParquetWriter(target, schema, compression="zstd") as writer:
+            for columns in parts:
+                values = [*_head(columns).values(), *(values for _, values in _values(columns))]
+                arrays = [pa.array(one, field.type) for one, field in zip(values, schema, strict=True)]
+                writer.write_table(pa.Table.from_arrays(arrays, schema=schema))
+
+    return write
 
 
 class _Units:
@@ -154,10 +175,14 @@ class _Units:
 
 
 def _head_fields() -> list[pa.Field]:
-    return [pa.field(name, kind, metadata={"unit": unit} if unit else None) for name, kind, unit in _HEAD]
+    pa = arrow()
+    return [
+        pa.field(name, pa.from_numpy_dtype(kind), metadata={"unit": unit} if unit else None)
+        for name, kind, unit in _HEAD
+    ]
 
 
-def _head(columns: MessageColumns) -> dict[str, pa.Array]:
+def _head(columns: MessageColumns) -> dict[str, np.ndarray[Any, Any]]:
     count = len(columns)
     values = (
         columns.log_time,
@@ -166,11 +191,11 @@ def _head(columns: MessageColumns) -> dict[str, pa.Array]:
         np.full(count, columns.component, np.uint8),
         columns.sequence,
     )
-    return {name: pa.array(part, kind) for (name, kind, _), part in zip(_HEAD, values, strict=True)}
+    return {name: np.asarray(part, kind) for (name, kind, _), part in zip(_HEAD, values, strict=True)}
 
 
 def _fields(columns: MessageColumns, units: _Units, prefix: str) -> list[pa.Field]:
-    fields = []
+    pa, fields = arrow(), []
     for name in columns.fields.dtype.names or ():
         kind = pa.string() if name in columns.text_fields else pa.from_numpy_dtype(columns.fields.dtype[name].base)
         unit = units.of(columns.name, name)
@@ -186,11 +211,11 @@ def _labels(columns: MessageColumns, name: str) -> list[str]:
     return [f"{name}[{i}]" for i in range(shape[0])]
 
 
-def _values(columns: MessageColumns) -> Iterator[tuple[str, pa.Array]]:
+def _values(columns: MessageColumns) -> Iterator[tuple[str, np.ndarray[Any, Any]]]:
     for name in columns.fields.dtype.names or ():
         if name in columns.text_fields:
-            yield name, pa.array(columns.text(name).tolist(), pa.string())
+            yield name, np.asarray(columns.text(name), dtype=object)
             continue
         table = columns.fields[name].reshape(len(columns), -1)
         for i, label in enumerate(_labels(columns, name)):
-            yield label, pa.array(np.ascontiguousarray(table[:, i]))
+            yield label, np.ascontiguousarray(table[:, i])

@@ -18,6 +18,7 @@ from typing import Any
 from uuid import uuid4
 
 from gcs.errors import SettingsError
+from gcs.formats.arrow import has_arrow
 from gcs.text.generator import GENERATOR
 from sim_vehicle.cli.writable import unwritable
 
@@ -48,6 +49,8 @@ class FileKind:
 
 
 def _parquet_columns(path: Path) -> tuple[str, ...]:
+    if not has_arrow():
+        return ()
     from pyarrow import ArrowException, parquet
 
     try:
@@ -68,7 +71,7 @@ HTML = FileKind("report of this program", f"<!DOCTYPE html>.*{re.escape(GENERATO
 SKETCH = FileKind("drawing by vehicle show", "<svg [^>]*from above and from the front, to scale")
 PULSES = FileKind("schedule of pulse widths", r"time_s(?:,servo\d+_us)+\r?\n")
 SCRIPT = FileKind("script by design", "-- A flight test for ArduPilot Plane")
-FLEET_TABLE = FileKind("table of a batch", '"flight","source","aircraft",', ("flight", "source", "aircraft"))
+FLEET_TABLE = FileKind("table of a batch", '"?flight"?,"?source"?,"?aircraft"?,', ("flight", "source", "aircraft"))
 NEW = FileKind("")
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import io
 import re
 import tomllib
 import zlib
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,12 @@ from sysid.tables.units import is_unit
 
 ENDINGS = (".csv", ".txt", ".tsv", ".parquet", ".mat")
 _DELIMITERS = "|\t;,"
-_NO_VALUE = ["", "nan", "NaN", "NAN", "NA", "N/A", "null", "None", "-", "--", "inf", "-inf"]
+_NO_VALUE = ("", "nan", "NaN", "NAN", "NA", "N/A", "null", "None", "-", "--", "inf", "-inf")
+# Cells that are words and yet numbers, or none.
+_MEANT = {**dict.fromkeys(_NO_VALUE, np.nan), **dict.fromkeys(("true", "True", "TRUE"), 1.0),
+          **dict.fromkeys(("false", "False", "FALSE"), 0.0)}  # fmt: skip
+_MOMENT = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d")
+_ZONE = re.compile(r"(?:Z|[+-]\d\d:?\d\d)$")
 # Share of cells that are no numbers, below which they are slips; and a number with a decimal comma.
 _FEW_WORDS = 0.2
 _COMMA = re.compile(r"[-+]?\d+,\d+")
@@ -121,9 +126,6 @@ def read_mapping(path: Path) -> tuple[dict[str, Wanted], dict[str, str] | str]:
 
 
 def _text(path: Path, name: str) -> ColumnTable:
-    import pyarrow as pa
-    import pyarrow.csv as arrow_csv
-
     raw = path.read_bytes()
     if b"\x00" in raw[:4096]:
         raise TableError(f"{name}: is no text: give a table as CSV, Parquet or .mat")
@@ -155,45 +157,103 @@ def _text(path: Path, name: str) -> ColumnTable:
             raise TableError(
                 f"{name}: row {first + 2 + number} has {len(_cells(line, delimiter))} cells, the header {len(headers)}"
             )
-    # Blanks around numbers, and what ends a row in X-Plane's files.
-    tidy = "\n".join(delimiter.join(_cells(line, delimiter)) for line in body) if delimiter in "|" else "\n".join(body)
-    try:
-        table = arrow_csv.read_csv(
-            io.BytesIO(tidy.encode()),
-            read_options=arrow_csv.ReadOptions(column_names=headers),
-            parse_options=arrow_csv.ParseOptions(delimiter=delimiter),
-            convert_options=arrow_csv.ConvertOptions(null_values=_NO_VALUE, strings_can_be_null=True),
-        )
-    except pa.ArrowInvalid as error:
-        text = str(error).splitlines()[0]
-        if "Empty CSV" in text:
-            raise TableError(f"{name}: has a header and no rows") from None
-        raise TableError(f"{name}: is no table: {text}") from None
-    columns, left_out = _numbers(table)
-    _check_words(name, table, left_out, delimiter)
+    if not body:
+        raise TableError(f"{name}: has a header and no rows")
+    columns, words = _of_cells(_rows(body, delimiter, len(headers), name), headers)
+    _check_words(name, words, delimiter)
     said = {header: unit for header, unit in units.items() if header in columns}
-    return ColumnTable(Path(name).stem, columns, said, None, left_out, tuple(warnings))
+    return ColumnTable(Path(name).stem, columns, said, None, tuple(words), tuple(warnings))
 
 
-def _check_words(name: str, table: Any, left_out: Sequence[str], delimiter: str) -> None:
-    """TableError for a column of numbers with a few words in it, and for decimal commas."""
-    for header in left_out:
-        cells = [str(cell) for cell in table.column(header).to_pylist() if cell is not None]
-        if cells and delimiter != "," and all(_COMMA.fullmatch(cell) for cell in cells):
-            raise TableError(f"{name}: column {header!r} has decimal commas ({cells[0]}): save it with points")
-        wrong = [cell for cell in cells if not _is_number(cell)]
-        if cells and len(wrong) < _FEW_WORDS * len(cells):
-            row = next(i for i, cell in enumerate(table.column(header).to_pylist()) if cell == wrong[0])
+def _rows(body: Sequence[str], delimiter: str, count: int, name: str) -> list[list[str]]:
+    """Cells of every row, as many as the header has."""
+    import csv
+
+    # What ends a row in X-Plane's files is no cell.
+    lines = (line.rstrip().removesuffix("|") for line in body) if delimiter == "|" else body
+    try:
+        rows = list(csv.reader(lines, delimiter=delimiter))
+    except csv.Error as error:
+        raise TableError(f"{name}: is no table: {_line(error)}") from None
+    for number, cells in enumerate(rows):
+        if len(cells) != count:
             raise TableError(
-                f"{name}: column {header!r} holds {wrong[0][:40]!r} in row {row + 1} of its values among numbers:"
-                " correct the cell, or leave it empty"
+                f"{name}: is no table: row {number + 1} of its values has {len(cells)} cells, the header {count}"
+            )
+    return rows
+
+
+def _of_cells(
+    rows: Sequence[Sequence[str]], headers: Sequence[str]
+) -> tuple[dict[str, Array], dict[str, tuple[str, ...]]]:
+    """The columns that are numbers, moments as s since 1970, and the cells of the others."""
+    columns, words = {}, {}
+    for header, cells in zip(headers, zip(*rows, strict=True), strict=True):
+        values = _numbers_in(cells)
+        if values is None:
+            values = _moments_in(cells)
+        if values is None:
+            words[header] = tuple("" if (word := cell.strip()) in _NO_VALUE else word for cell in cells)
+        else:
+            columns[header] = values
+    return columns, words
+
+
+def _numbers_in(cells: Sequence[str]) -> Array | None:
+    """(N,) numbers, NaN where there is none; None where a cell is something else."""
+    try:
+        values = np.array(list(map(float, cells)))
+    except ValueError:
+        said = {cell: _MEANT.get(cell.strip()) for cell in set(cells)}
+        try:
+            values = np.array([float(cell) if (value := said[cell]) is None else value for cell in cells])
+        except ValueError:
+            return None
+    values[np.isinf(values)] = np.nan
+    return values
+
+
+def _moments_in(cells: Sequence[str]) -> Array | None:
+    """(N,) s since 1970 of moments by ISO 8601, in UTC where they name no zone; None where they are none."""
+    given = [cell.strip() for cell in cells]
+    known = np.array([cell not in _MEANT for cell in given])
+    moments = [cell for cell, is_known in zip(given, known, strict=True) if is_known]
+    if not all(_MOMENT.match(cell) for cell in moments):
+        return None
+    values = np.full(len(given), np.nan)
+    try:
+        if any(_ZONE.search(cell) for cell in moments):
+            zoned = [datetime.fromisoformat(cell) for cell in moments]
+            values[known] = [(one if one.tzinfo else one.replace(tzinfo=UTC)).timestamp() for one in zoned]
+        else:
+            values[known] = _seconds_of(np.array(moments, dtype="datetime64[ns]").astype(np.int64))
+    except (ValueError, OverflowError):
+        return None
+    return values
+
+
+def _check_words(name: str, words: Mapping[str, Sequence[str]], delimiter: str) -> None:
+    """TableError for a column of numbers with a few words in it, and for decimal commas."""
+    for header, cells in words.items():
+        said = [cell for cell in cells if cell]
+        if said and delimiter != "," and all(_COMMA.fullmatch(cell) for cell in said):
+            raise TableError(f"{name}: column {header!r} has decimal commas ({said[0]}): save it with points")
+        wrong = [cell for cell in said if not _is_number(cell)]
+        if said and len(wrong) < _FEW_WORDS * len(said):
+            raise TableError(
+                f"{name}: column {header!r} holds {wrong[0][:40]!r} in row {cells.index(wrong[0]) + 1} of its values"
+                " among numbers: correct the cell, or leave it empty"
             )
 
 
 def _parquet(path: Path, name: str) -> ColumnTable:
-    import pyarrow as pa
-    import pyarrow.parquet as parquet
-
+    try:
+        import pyarrow as pa
+        import pyarrow.parquet as parquet
+    except ImportError:
+        raise TableError(
+            f"{name}: for Parquet pyarrow is needed (pip install 'flight-model-ground-station[parquet]'); or give a CSV"
+        ) from None
     try:
         table = parquet.read_table(path)
     except pa.ArrowInvalid as error:

@@ -83,6 +83,21 @@ def test_a_table_of_flights_and_what_was_done_is_not_done_again_beside_what_come
     assert json.loads(came.read_text())["model"]["coefficients"] == same["model"]["coefficients"]
 
 
+def test_without_parquet_s_library_the_table_is_a_csv_and_that_is_said(
+    local: Path, flights: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = shutil.copytree(local, tmp_path / "plain")
+    rows = (folder / "flights.csv").read_bytes()
+    for table in folder.glob("flights.*"):
+        table.unlink()
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    assert batch(flights, folder, "--workers", "1") == 0
+    assert [table.name for table in folder.glob("flights.*")] == ["flights.csv"]
+    assert (folder / "flights.csv").read_bytes() == rows
+    last = capsys.readouterr().out.splitlines()[-1]
+    assert last.endswith("flights.csv (no Parquet: pip install 'flight-model-ground-station[parquet]')")
+
+
 def test_workers_of_a_cluster_give_the_same_and_one_that_is_killed_loses_nothing(
     local: Path, flights: Path, tmp_path: Path
 ) -> None:

@@ -1,5 +1,6 @@
 """Tables read back with pandas and pyarrow hold the values of the recording."""
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -111,3 +112,17 @@ def test_the_long_table_holds_every_value(flight: Path, tmp_path: Path) -> None:
         for label in labels(recording, name):
             found = table[(table["message"] == name) & (table["field"] == label)]["value"]
             assert found.tolist() == [str(value) for value in expected(recording, name, label)]
+
+
+def test_without_parquet_s_library_one_line_says_what_to_install_and_csv_is_written(
+    flight: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    for more in (["-o", str(tmp_path / "a.parquet")], ["--messages", "parquet", "-o", str(tmp_path / "tables")]):
+        assert main(["export", str(flight), *more]) == 1
+        (line,) = capsys.readouterr().err.splitlines()
+        assert line.endswith("pip install 'flight-model-ground-station[parquet]'); a CSV needs nothing")
+    assert not (tmp_path / "a.parquet").exists()
+    assert not (tmp_path / "tables").exists()
+    assert main(["export", str(flight), "-o", str(tmp_path / "a.csv")]) == 0
+    assert main(["export", str(flight), "--messages", "csv", "-o", str(tmp_path / "tables")]) == 0

@@ -1,5 +1,6 @@
 """Tables in files, written by other libraries: csv, pandas, polars, scipy, h5py."""
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -38,6 +39,26 @@ def test_parquet_of_polars(tmp_path: Path) -> None:
 
     polars.DataFrame(COLUMNS).write_parquet(tmp_path / "a.parquet")
     check(signals(tmp_path / "a.parquet"))
+
+
+def test_parquet_without_its_library_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "a.parquet").write_bytes(b"PAR1")
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(TableError, match=r"pip install 'flight-model-ground-station\[parquet\]'"):
+        read_table(tmp_path / "a.parquet")
+
+
+@pytest.mark.parametrize("zone", ["", "Z", "+00:00"])
+def test_words_that_are_numbers_and_moments_of_any_zone(tmp_path: Path, zone: str) -> None:
+    rows = [f"2026-05-01 10:00:0{i}.25{zone},{'true' if i % 2 else 'False'},{i}e-1,now,2026-05-01" for i in range(5)]
+    rows[3] = ",TRUE,inf,now,"
+    (tmp_path / "a.csv").write_text("when,on,x,word,day\n" + "\n".join(rows))
+    table = read_table(tmp_path / "a.csv")
+    assert table.left_out == ("word", "day")
+    assert table.columns["on"].tolist() == [0.0, 1.0, 0.0, 1.0, 0.0]
+    np.testing.assert_array_equal(table.columns["x"], [0.0, 0.1, 0.2, np.nan, 0.4])
+    first = 1777629600.25
+    np.testing.assert_array_equal(table.columns["when"], [first, first + 1, first + 2, np.nan, first + 4])
 
 
 def test_csv_with_remarks_a_row_of_units_semicolons_and_words(tmp_path: Path) -> None:
