@@ -25,7 +25,6 @@ from numpy.typing import NDArray
 
 from gcs.errors import DialectError
 from gcs.mavlink.cdr import NUMPY_TYPES, Layout, layout
-from gcs.mavlink.crc import crc_of
 
 DEFAULT_DIALECT = "ardupilotmega"
 
@@ -225,6 +224,8 @@ def _base_length(name: str, fields: list[tuple[str, str, int]], crc_extra: int) 
     types alone (serialisation guide, "CRC_EXTRA Calculation") and base fields are sorted by size, so the base
     is the longest sorted beginning whose checksum is CRC_EXTRA.
     """
+    from gcs.mavlink.crc import crc_of  # brings the compiler with it: not for a command's help
+
     crc = crc_of(f"{name} ".encode())
     length = base = 0
     last_size = 8

@@ -97,22 +97,23 @@ def optimised_phases(harmonics: tuple[int, ...], weights: tuple[float, ...] = ()
     sizes = np.asarray(weights, dtype=np.float64) if weights else np.ones(numbers.size)
     count = numbers.size
     samples = 1 << int(np.ceil(np.log2(16 * numbers.max())))
+    # A shape of this power: what its peaks are over.
+    rms = float(np.sqrt(np.sum(sizes**2) / 2.0))
     generator = np.random.default_rng(count)
-    first = _schroeder(sizes)
-    best: tuple[float, Array] = (np.inf, np.zeros(count))
-    for start in range(_STARTS):
-        phases = first
-        if start:
-            phases = phases + generator.uniform(-1.0, 1.0, count) * start
-        for level in _CLIP_LEVELS:
-            for _ in range(_ITERATIONS):
-                signal, factor = _evaluate(numbers, phases, samples, sizes)
-                if factor < best[0]:
-                    best = (factor, phases)
-                middle, half = (signal.max() + signal.min()) / 2.0, (signal.max() - signal.min()) / 2.0
-                clipped = np.clip(signal, middle - level * half, middle + level * half)
-                phases = np.angle(np.fft.rfft(clipped)[numbers]) + np.pi / 2.0
-    return tuple(float(phase) for phase in _start_at_zero(numbers, best[1], samples, sizes))
+    away = [generator.uniform(-1.0, 1.0, count) * start for start in range(1, _STARTS)]
+    phases = _schroeder(sizes) + np.stack([np.zeros(count), *away])
+    best, least = phases[0], np.inf
+    for level in _CLIP_LEVELS:
+        for _ in range(_ITERATIONS):
+            signals = _signals(numbers, phases, samples, sizes)
+            high, low = signals.max(axis=1), signals.min(axis=1)
+            factors = (high - low) / (2.0 * np.sqrt(2.0) * rms)
+            if factors.min() < least:
+                least, best = float(factors.min()), phases[int(np.argmin(factors))]
+            middle, half = ((high + low) / 2.0)[:, None], ((high - low) / 2.0)[:, None]
+            clipped = np.clip(signals, middle - level * half, middle + level * half)
+            phases = np.angle(np.fft.rfft(clipped)[:, numbers]) + np.pi / 2.0
+    return tuple(float(phase) for phase in _start_at_zero(numbers, best, samples, sizes))
 
 
 def _schroeder(sizes: Array) -> Array:
@@ -122,16 +123,16 @@ def _schroeder(sizes: Array) -> Array:
     return np.asarray(-2.0 * np.pi * np.concatenate(([0.0], np.cumsum(before[1:]))))
 
 
-def _evaluate(numbers: NDArray[np.int64], phases: Array, samples: int, sizes: Array) -> tuple[Array, float]:
-    spectrum = np.zeros(samples // 2 + 1, dtype=np.complex128)
-    spectrum[numbers] = 0.5 * samples * sizes * np.exp(1j * (phases - np.pi / 2.0))
-    signal = np.fft.irfft(spectrum, samples)
-    return signal, relative_peak_factor(signal)
+def _signals(numbers: NDArray[np.int64], phases: Array, samples: int, sizes: Array) -> Array:
+    """(S, samples) periods of the multisines of phases (S, K)."""
+    spectra = np.zeros((phases.shape[0], samples // 2 + 1), dtype=np.complex128)
+    spectra[:, numbers] = 0.5 * samples * sizes * np.exp(1j * (phases - np.pi / 2.0))
+    return np.fft.irfft(spectra, samples)
 
 
 def _start_at_zero(numbers: NDArray[np.int64], phases: Array, samples: int, sizes: Array) -> Array:
     """Shift the period so that it begins where the signal rises through zero (no step at start and end)."""
-    signal, _ = _evaluate(numbers, phases, samples, sizes)
+    signal = _signals(numbers, phases[None, :], samples, sizes)[0]
     crossing = int(np.argmax((signal <= 0.0) & (np.roll(signal, -1) > 0.0)))
     rise = signal[(crossing + 1) % samples] - signal[crossing]
     offset = (crossing - signal[crossing] / rise) / samples

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter, uniform_filter1d
 from scipy.optimize import nnls
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from sysid.errors import SignalError
 from sysid.numerics.normal_equations import inverse
@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 SHORTEST_SAMPLES = 200  # of a bench log
 TERMS = ("N", "B", "K")
 _FALSE_ALARM = 1e-3  # probability of a line or a term of noise that is not there
-_EVIDENCE = chi2.isf(_FALSE_ALARM, 1) / 2.0  # gain in log likelihood that a further term must bring
+_EVIDENCE = float(chdtri(1, _FALSE_ALARM)) / 2.0  # gain in log likelihood that a further term must bring
 _ROLL_OFF = 0.7  # density of the upper band over the lower below which the sensor is taken to be filtered
 _FIRST_BIN = 2  # the taper mixes the mean into the bins before it
 _ITERATIONS = 50

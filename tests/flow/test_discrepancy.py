@@ -1,6 +1,6 @@
 """A hidden effect is named, added, and closes the gap on a flight nothing was fitted to.
 
-The effect is flown in another process, with other seeds; the baseline model handed in is wrong by up to 10 % in every
+The effect is flown with other seeds; the baseline model handed in is wrong by up to 10 % in every
 coefficient.
 """
 

@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import json
 import math
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -19,6 +17,7 @@ from discrepancy_flights import over_floor
 from jsbsim_effects import hidden
 from jsbsim_telemetry import telemetry
 from other_aircraft import write_tlog
+from processes import run
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 FIT_S, JUDGE_S = 8.0, 6.0
@@ -98,7 +97,7 @@ def assert_is_discrepancy(found: dict[str, Any]) -> None:
     assert found["model"]["coefficients"].keys() >= MODEL.keys()
 
 
-def test_logs_of_another_engine_give_the_effect_that_it_flew(tmp_path: Path) -> None:
+def test_logs_of_another_engine_give_the_effect_that_it_flew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     effect = hidden("control_drag")
     (flown,) = effect.parameters.values()
     for name, seed, seconds in (("fit", 1, FIT_S), ("judge", 2, JUDGE_S)):
@@ -108,9 +107,9 @@ def test_logs_of_another_engine_give_the_effect_that_it_flew(tmp_path: Path) -> 
     coefficients = {name: {"value": value} for name, value in MODEL.items()}
     model = {"schema": "model/1", "name": "stick", "coefficients": coefficients, "effects": []}
     (tmp_path / "base.json").write_text(json.dumps(model), encoding="utf-8")
-    command = [sys.executable, "-m", "gcs", "discrepancy", "fit.tlog", "--validate", "judge.tlog"]
-    command += ["--vehicle", "stick.toml", "--model", "base.json", "--json"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=560, check=False)
+    monkeypatch.chdir(tmp_path)
+    done = run("gcs", "discrepancy", "fit.tlog", "--validate", "judge.tlog", "--vehicle", "stick.toml", "--model",
+               "base.json", "--json")  # fmt: skip
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout, parse_constant=no_constant)
     assert_is_discrepancy(found)

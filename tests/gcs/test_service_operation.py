@@ -12,7 +12,7 @@ from pathlib import Path
 import httpx
 import pytest
 from patience import PATIENCE_S
-from processes import run, service, start
+from processes import run_apart, service, start
 from traffic import Vehicle, wait_until
 
 from gcs.api.tls import tls_context
@@ -149,7 +149,7 @@ def test_a_certificate_that_cannot_be_used_is_said_before_anything_is_opened(
     with pytest.raises(SettingsError, match="without a password"):
         tls_context(cert, locked)
     assert tls_context(cert, key).minimum_version >= ssl.TLSVersion.TLSv1_2
-    done = run("gcs", "serve", "--data", tmp_path / "data", "--tls-cert", cert)
+    done = run_apart("gcs", "serve", "--data", tmp_path / "data", "--tls-cert", cert)
     assert done.returncode == 2
     assert "--tls-cert and --tls-key go together" in done.stderr
     assert not (tmp_path / "data").exists()

@@ -1,4 +1,4 @@
-"""Two flights of the simulator in other processes and the discrepancy job over them by the command line.
+"""Two flights of the simulator and the discrepancy job over them by the command line.
 
 The flights have the sensor errors of Table II, quantised pulses and the bench calibration's own errors.
 """
@@ -6,13 +6,11 @@ The flights have the sensor errors of Table II, quantised pulses and the bench c
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from patience import PATIENCE_S
+from processes import run
 
 from sim_vehicle.model.model_file import Model, read_model
 
@@ -21,8 +19,8 @@ JUDGE = "elevator-3211,aileron-doublet,rudder-doublet"
 
 
 def fly(path: Path, manoeuvres: str, seed: int, *more: str) -> None:
-    command = [sys.executable, "-m", "sim_vehicle", "fly", "--manoeuvre", manoeuvres, "--seed", str(seed)]
-    subprocess.run([*command, "--record", str(path), *more], check=True, capture_output=True, timeout=PATIENCE_S)
+    done = run("sim-vehicle", "fly", "--manoeuvre", manoeuvres, "--seed", seed, "--record", path, *more)
+    assert done.returncode == 0, done.stderr
 
 
 def baseline(seed: int, share: float) -> Model:
@@ -47,10 +45,9 @@ def run_discrepancy(
         fly(judge, JUDGE, seed + 1, *effect)
     baseline(seed, share).write(model)
     before = model.read_bytes()
-    command = [sys.executable, "-m", "gcs", "discrepancy", str(fit), "--vehicle", "iitb-mav", "--model", str(model)]
-    command += ["--validate", str(judge)] if validate else []
-    command += ["--json", "--write-model", str(repaired)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
+    judged = ["--validate", judge] if validate else []
+    done = run("gcs", "discrepancy", fit, "--vehicle", "iitb-mav", "--model", model, *judged, "--json",
+               "--write-model", repaired)  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert model.read_bytes() == before
     fly(folder / "again.mcap", "cruise", seed, "--duration", "2", "--model", str(repaired))

@@ -6,8 +6,6 @@ import json
 import re
 import shutil
 import struct
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,7 +16,7 @@ from dataflash import a_log as a_dataflash_log
 from field_flight import Plan, fly_plan, textbook
 from field_plant import Air, Hold, Servo
 from field_wire import BOOT, START, write_flight
-from patience import PATIENCE_S
+from processes import run
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from scipy.signal import butter, group_delay
 from ulog_writer import a_log as a_px4_log
@@ -102,9 +100,9 @@ def test_a_control_on_the_second_port_is_recorded_and_read_as_on_the_first(tmp_p
     craft.write_text(text.replace("servo = 2\n", 'servo = 2\nport = "AUX"\n'), encoding="utf-8")
     found = {}
     for name, vehicle in (("main", "iitb-mav"), ("aux", str(craft))):
-        fly = [sys.executable, "-m", "sim_vehicle", "fly", "--vehicle", vehicle, "--model", "iitb-mav", "--seed", "4"]
-        fly += ["--manoeuvre", "elevator-3211", "--duration", "4", "--record", str(tmp_path / f"{name}.mcap")]
-        subprocess.run(fly, check=True, capture_output=True, timeout=PATIENCE_S)
+        flown = run("sim-vehicle", "fly", "--vehicle", vehicle, "--model", "iitb-mav", "--seed", 4, "--manoeuvre",
+                    "elevator-3211", "--duration", 4, "--record", tmp_path / f"{name}.mcap")  # fmt: skip
+        assert flown.returncode == 0, flown.stderr
         found[name] = extract(Recording(tmp_path / f"{name}.mcap"), load_vehicle(vehicle)).signals
     assert np.ptp(found["main"]["de"].values) > 0.02
     np.testing.assert_array_equal(found["aux"]["de"].values, found["main"]["de"].values)
