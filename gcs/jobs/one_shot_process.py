@@ -11,10 +11,12 @@ import os
 import subprocess
 import threading
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from gcs.errors import GcsError, ServiceError
+from gcs.jobs.programs import Program, begin
 from gcs.jobs.runner import last_words, python_path
 from gcs.text.jsontext import dumps
 
@@ -32,7 +34,7 @@ class AskedOnce:
     def __init__(self, command: Sequence[str], longest_s: float) -> None:
         self._command, self._longest_s = tuple(command), longest_s
         self._turn, self._lock = threading.Lock(), threading.Lock()
-        self._process: subprocess.Popen[str] | None = None
+        self._process: Program | subprocess.Popen[str] | None = None
         self._closed = False
 
     def ask(self, order: Mapping[str, Any], folder: Path, what: str, failed: type[GcsError]) -> dict[str, Any]:
@@ -71,14 +73,7 @@ class AskedOnce:
         with self._lock:
             if self._closed:
                 raise ServiceError(STOPPED)
-            process = subprocess.Popen(
-                self._command,
-                stdin=subprocess.PIPE,
-                stdout=stdout,
-                stderr=stderr,
-                text=True,
-                env={**os.environ, "PYTHONPATH": python_path()},
-            )
+            process = begin(self._command, stdout, stderr, environment={**os.environ, "PYTHONPATH": python_path()})
             self._process = process
         assert process.stdin is not None
         try:
@@ -91,7 +86,9 @@ class AskedOnce:
             code = process.wait()
         finally:
             process.kill()
-            process.communicate()
+            process.wait()
+            with suppress(BrokenPipeError):  # closing writes what the dead program did not take
+                process.stdin.close()
             with self._lock:
                 self._process = None
         if self._closed:

@@ -25,6 +25,7 @@ from gcs.catalogue.job_table import BY_PERSON, BY_STATION, Job
 from gcs.catalogue.store import Catalogue
 from gcs.errors import CatalogueError, CatalogueFileError, GcsError, JobError, QueueFullError, in_words
 from gcs.jobs.limits import memory_limit
+from gcs.jobs.programs import Program, begin
 from gcs.settings import Settings
 from gcs.text.jsontext import dumps
 from gcs.vehicles.choice import Chosen, VehicleChoice
@@ -85,7 +86,7 @@ class JobRunner:
         self.problem = ""
         self._wake = threading.Event()
         self._stopping = threading.Event()
-        self._process: subprocess.Popen[str] | None = None
+        self._process: Program | subprocess.Popen[str] | None = None
         self._running, self._cancelled = "", set[str]()
         self._interrupted = False
         self._lock = threading.Lock()
@@ -272,13 +273,8 @@ class JobRunner:
         order = self._order(job, folder)
         errors = folder / "stderr"
         with errors.open("w", encoding="utf-8") as stderr:
-            process = subprocess.Popen(
-                self._worker,
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=stderr,
-                text=True,
-                env={**os.environ, "PYTHONPATH": python_path()},
+            process = begin(
+                self._worker, None, stderr.fileno(), environment={**os.environ, "PYTHONPATH": python_path()}
             )
         with self._lock:
             self._process, self._running = process, job.id
@@ -397,7 +393,7 @@ def _number(given: object) -> float:
     return float(given) if isinstance(given, int | float) and math.isfinite(given) else 0.0
 
 
-def _end_late(process: subprocess.Popen[str], late: threading.Event) -> None:
+def _end_late(process: Program | subprocess.Popen[str], late: threading.Event) -> None:
     late.set()
     process.kill()
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import atexit
 import json
 import os
 import sys
@@ -78,17 +77,19 @@ def run(order: dict[str, Any]) -> dict[str, Any]:
     return dict(result)
 
 
-def _report_cost() -> None:
-    cpu_s, peak_bytes = used()
-    report(cost={"cpu_s": cpu_s, "peak_bytes": peak_bytes})
-
-
 def main() -> int:
     """Read one order, run it, leave the result where the order says. Exit code 1 for a named error."""
     order = json.loads(sys.stdin.readline())
     threading.Thread(target=end_with_service, daemon=True).start()
     stand_back(order["memory_bytes"])
-    atexit.register(_report_cost)
+    try:
+        return _carry_out(order)
+    finally:
+        cpu_s, peak_bytes = used()
+        report(cost={"cpu_s": cpu_s, "peak_bytes": peak_bytes})
+
+
+def _carry_out(order: dict[str, Any]) -> int:
     try:
         result = run(order)
     except (GcsError, SysidError, SimVehicleError) as error:

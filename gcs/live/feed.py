@@ -20,6 +20,7 @@ from dataclasses import dataclass, field, replace
 from typing import IO, Any
 
 from gcs.errors import in_words
+from gcs.jobs.programs import Program, begin
 from gcs.links.datagrams import Batch
 from gcs.live.place import metres
 from gcs.live.protocol import Flight, pack_batch, pack_flight
@@ -90,7 +91,7 @@ class LiveFeed:
         vehicle_of: Callable[[str, int | None], str | None] = lambda flight, system: "",
     ) -> None:
         self._vehicle_of = vehicle_of
-        self._command = [*worker, settings.link.dialect, settings.vehicle or ""]
+        self._command = (*worker, settings.link.dialect, settings.vehicle or "")
         self._flights = flights
         self.on_estimate: Callable[[dict[str, Any], float], None] | None = None
         self._queue: deque[bytes] = deque()
@@ -99,7 +100,7 @@ class LiveFeed:
         self._given: deque[tuple[int, float]] = deque()
         self._number = 0
         self._changed = threading.Condition()
-        self._process: subprocess.Popen[bytes] | None = None
+        self._process: Program | subprocess.Popen[bytes] | None = None
         self._thread = threading.Thread(target=self._run, name="live", daemon=True)
         self._failure = ""
         self.state = LiveState()
@@ -199,7 +200,7 @@ class LiveFeed:
         """One life of the process."""
         self._failure = ""
         environment = {**os.environ, **_ONE_THREAD}
-        with subprocess.Popen(self._command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment) as process:
+        with begin(self._command, text=False, environment=environment) as process:
             self._process = process
             assert process.stdin is not None
             assert process.stdout is not None
@@ -221,7 +222,7 @@ class LiveFeed:
             if not self._failure:
                 self._failure = f"its process ended with code {code}"
 
-    def _write(self, process: subprocess.Popen[bytes], pipe: IO[bytes]) -> None:
+    def _write(self, process: Program | subprocess.Popen[bytes], pipe: IO[bytes]) -> None:
         while not self.ending.is_set() and process.poll() is None:
             self._follow_flight()
             with self._changed:

@@ -16,7 +16,7 @@ import threading
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
 from gcs import portable
 
@@ -25,12 +25,49 @@ Result = TypeVar("Result")
 _NICENESS = 5
 
 
-class SecondProcess:
-    """Runs one function after the other. Functions, arguments and results are pickled."""
+class _Forked:
+    """A child that has loaded what this process has; of this process while it has one thread."""
 
     def __init__(self) -> None:
+        orders, stdin = os.pipe()
+        stdout, answers = os.pipe()
+        self._pid = os.fork()
+        if self._pid == 0:
+            os.dup2(orders, 0)
+            os.dup2(answers, 1)
+            for one in (orders, stdin, stdout, answers):
+                os.close(one)
+            sys.stdin, sys.stdout = open(0, closefd=False), open(1, "w", closefd=False)  # noqa: SIM115
+            try:
+                main()
+            finally:
+                os._exit(1)
+        os.close(orders)
+        os.close(answers)
+        self.stdin, self.stdout = os.fdopen(stdin, "wb"), os.fdopen(stdout, "rb")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        with suppress(BrokenPipeError):
+            self.stdin.close()
+        self.stdout.close()
+        os.waitpid(self._pid, 0)
+
+    def kill(self) -> None:
+        os.kill(self._pid, signal.SIGKILL)
+
+
+class SecondProcess:
+    """Runs one function after the other. Functions, arguments and results are pickled.
+
+    forked: the first process is begun now, as a copy of this one, which has no threads yet; others take longer to load.
+    """
+
+    def __init__(self, forked: bool = False) -> None:
+        self._child: _Forked | subprocess.Popen[bytes] | None = _Forked() if forked else None
         self._waiting = ThreadPoolExecutor(1, "second-process")
-        self._child: subprocess.Popen[bytes] | None = None
         self._closed = False
 
     def submit(self, function: Callable[..., Result], /, *arguments: object) -> Future[Result]:

@@ -276,7 +276,7 @@ def main(arguments: list[str]) -> int:
     portable.stand_back(_NICENESS)
     one_thread()
     dialect, vehicle = arguments
-    second = SecondProcess()
+    second = SecondProcess(forked=True)
     try:
         file = WatchedVehicle(vehicle) if vehicle else None
         live = LiveProcess(Dialect.load(dialect), file, second)
