@@ -76,7 +76,7 @@ interface Attributes<Target> {
 type Control = HTMLInputElement | HTMLSelectElement | HTMLTextAreaElement
 
 /** A choice of a select: its value and its text. */
-type Choice = readonly [string, string]
+type Choice = readonly string[]
 
 /** A view: fills the page for the parts and the parameters of the address, until the signal is aborted. */
 type View = (page: HTMLElement, parts: string[], query: URLSearchParams, signal: AbortSignal) => Promise<void>
