@@ -306,7 +306,7 @@ interface Score {
   gaussian_p: number
 }
 
-interface Curve {
+type Curve = {
   time_s: number[]
   measured: (number | null)[]
   predicted: (number | null)[]
@@ -369,6 +369,7 @@ interface IdentificationResult extends Judged {
   validation: Validation | null
   compatibility?: Compatibility
   warnings: string[]
+  segments: { flight: string, start: number, end: number, kind?: string, reason?: string }[]
   series?: ResidualSeries
   modes?: FlightMode[] | { refused: string }
   dimensional?: Record<string, Estimate>
@@ -647,3 +648,23 @@ interface StationMap {
 
 /** A cell of a table whose figures move: a text, or a text and a class. */
 type LiveCell = string | [string, string]
+
+/** A row of such a table: its name, and its cells. */
+type LiveRow = [string, ...LiveCell[]]
+
+/** What a coefficient was from estimate to estimate, with its 95 % band. */
+type LiveBand = {
+  x: number[]
+  y: number[]
+  low: number[]
+  high: number[]
+}
+
+/** What is known for the line of what may end a flight. */
+interface LiveKnown {
+  status: VehicleStatus
+  links: Link[] | null
+  health: Health | null
+  flight?: string | null
+  old: boolean
+}

@@ -72,7 +72,7 @@ function judges(summary, newest, signal) {
   const checked = () => [.../** @type {NodeListOf<HTMLInputElement>} */ (list.querySelectorAll('input:checked'))]
   /** @param {FlightPage} found @param {string} words */
   const show = (found, words) => {
-    const kept = there(...checked().map(box => box.parentElement))
+    const kept = checked().flatMap(box => box.parentElement ?? [])
     const there = new Set(checked().map(box => box.value))
     const boxes = found.flights.filter(one => one.id !== summary.id && !there.has(one.id) && canJudge(one))
       .map(one => h('label', { class: 'choice' }, h('input', { type: 'checkbox', value: one.id }), flightTitle(one)))
@@ -144,7 +144,7 @@ function identifyForm(validate, models, start) {
 /** @param {Judges} validate @param {ModelItem[]} models @param {(request: JobRequest) => Promise<Job>} start */
 function discrepancyForm(validate, models, start) {
   const choice = select([...named(models), ['', 'a model file of mine …']], models[0]?.id ?? '', value => {
-    own.parentElement.hidden = value !== ''
+    file.hidden = value !== ''
   })
   const own = h('input', { type: 'file', accept: '.json' })
   const file = field('Model file (JSON)', own)
@@ -156,9 +156,10 @@ function discrepancyForm(validate, models, start) {
       h('details', {}, h('summary', {}, 'More settings'), field('Ruled out on the ground', ruledOut,
         'Effects that weighing or a test on the bench has shown not to be there, with commas between')),
     ], async () => {
-      if (!choice.value && !own.files.length)
+      const [given] = own.files ?? []
+      if (!choice.value && !given)
         throw new Error('choose a model file first, or identify one from a flight')
-      const model = choice.value || await readModel(own.files[0])
+      const model = choice.value || await readModel(given)
       const cleared = ruledOut.value.split(',').map(name => name.trim()).filter(Boolean)
       return start({ kind: 'discrepancy', model, validate: validate.chosen(), rule_out: cleared })
     })

@@ -95,8 +95,10 @@ export async function againstEachOther(names, found, signal) {
     const figure = await plot({ x: named(first, acrossUnit), y: named(name, unit), height: 360 })
     const data = await source(gaps({
       x: found[first].value.map(v => v === null ? null : v * across),
-      y: found[first].time.map(at =>
-        time.length && value[nearest(time, at)] !== null ? value[nearest(time, at)] * factor : null),
+      y: found[first].time.map(at => {
+        const near = time.length ? value[nearest(time, at)] : null
+        return near === null ? null : near * factor
+      }),
     }))
     figure.scatter({ field: 'x' }, { field: 'y' },
       { source: data, size: 3, line_color: null, fill_color: '#0b4fc4', fill_alpha: 0.5 })
@@ -158,8 +160,8 @@ export async function spectrograms(names, found, signal) {
       continue
     }
     const [step, width] = [frequency[1] - frequency[0], time.length > 1 ? time[1] - time[0] : 1]
-    const [left, right] = [time[0] - width / 2, time.at(-1) + width / 2]
-    const [low, high] = [Math.max(frequency[0] - step / 2, 0), frequency.at(-1) + step / 2]
+    const [left, right] = [time[0] - width / 2, time[time.length - 1] + width / 2]
+    const [low, high] = [Math.max(frequency[0] - step / 2, 0), frequency[frequency.length - 1] + step / 2]
     const mapper = new Bokeh.LinearColorMapper({ palette: Bokeh.Palettes.Viridis256,
       low: Math.max(levels.reduce((a, b) => Math.min(a, b), Infinity), most - DEEPEST_DB), high: most,
       nan_color: '#fff' })
@@ -172,7 +174,8 @@ export async function spectrograms(names, found, signal) {
       { value: high - low }, { source: data })
     figure.add_layout(new Bokeh.ColorBar({ color_mapper: mapper, title: 'dB', width: 14, padding: 4,
       major_label_text_font_size: '13px', major_label_text_color: '#000', title_text_color: '#000' }), 'right')
-    const peaks = value.map((row, at) => [row.reduce((a, b) => Math.max(a, b ?? -Infinity), -Infinity), frequency[at]])
+    const peaks = value.map((row, at) =>
+      [row.reduce((/** @type {number} */ a, b) => Math.max(a, b ?? -Infinity), -Infinity), frequency[at]])
     const strongest = peaks.reduce((a, b) => b[0] > a[0] ? b : a)
     const element = await shown(figure,
       `Power spectral density of ${signalName(name)} over time; strongest at ${number(strongest[1])} Hz with `
