@@ -92,7 +92,8 @@ export class Identification {
     panel.element.hidden = false
     if (!this.sight.has(panel.element)) return
     panel.follow?.(kept)
-    if (panel.data) panel.data.data = Object.fromEntries(Object.entries(kept).map(([key, column]) => [key, column.slice()]))
+    const columns = Object.fromEntries(Object.entries(kept).map(([key, column]) => [key, column.slice()]))
+    if (panel.data) panel.data.data = columns
   }
 
   /** The plot of a coefficient, which fills as soon as the library is there. @param {string} name */
@@ -154,7 +155,11 @@ function value(entry) {
   return entry.known ? plusMinus(entry) : `(${plusMinus(entry)})`
 }
 
-/** Rows of the table; a reason that stands just above is not said again. @param {LiveEstimate} found @returns {LiveRow[]} */
+/**
+ * Rows of the table; a reason that stands just above is not said again.
+ * @param {LiveEstimate} found
+ * @returns {LiveRow[]}
+ */
 function coefficients(found) {
   let last = ''
   return Object.entries(found.coefficients).map(([name, entry]) => {
@@ -168,15 +173,15 @@ function coefficients(found) {
 /**
  * Wind and errors of sensors, then what else was estimated of what stands between the aircraft and its messages.
  * @param {LiveEstimate} found
- * @returns {LiveRow[]}
  */
 function sensors(found) {
   const between = (found.nuisances ?? []).filter(one => one.estimated && !(one.name in (found.sensors ?? {})))
-  return [
-    ...Object.entries(found.sensors ?? {}).map(([name, entry]) => {
-      const [unit, factor] = shownUnit(entry.unit)
-      return [name, plusMinus({ value: entry.value * factor, std: entry.std * factor }), unit]
-    }),
-    ...between.map(({ text, shown }) => [text, plusMinus(shown), shownUnit(shown.unit)[0]]),
-  ]
+  /** @type {LiveRow[]} */
+  const own = Object.entries(found.sensors ?? {}).map(([name, entry]) => {
+    const [unit, factor] = shownUnit(entry.unit)
+    return [name, plusMinus({ value: entry.value * factor, std: entry.std * factor }), unit]
+  })
+  /** @type {LiveRow[]} */
+  const others = between.map(({ text, shown }) => [text, plusMinus(shown), shownUnit(shown.unit)[0]])
+  return [...own, ...others]
 }

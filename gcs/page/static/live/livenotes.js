@@ -67,7 +67,7 @@ export class Notes {
     const every = [...this.heard, ...this.own].sort((a, b) => (b.time_s ?? 0) - (a.time_s ?? 0)).slice(0, SHOWN)
     this.list.replaceChildren(...every.map(one => h('li', {},
       h('span', { class: 'clock' }, one.time_s === null ? '' : duration(one.time_s)), ' ',
-      h('span', { class: 'tag' }, one.note ? 'note' : SEVERITIES[one.severity] ?? 'text'), ' ',
+      h('span', { class: 'tag' }, one.note ? 'note' : SEVERITIES[one.severity ?? NaN] ?? 'text'), ' ',
       h('span', { translate: 'no' }, one.text))))
   }
 }

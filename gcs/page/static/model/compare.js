@@ -34,7 +34,8 @@ export async function compare(page, parts, query, signal) {
  * @param {AbortSignal} signal
  */
 async function addNamed(flights, query, signal) {
-  const named = ['a', 'fa', 'fb'].map(key => query.get(key)).filter(id => id && !flights.some(one => one.id === id))
+  const named = ['a', 'fa', 'fb'].map(key => query.get(key) ?? '')
+    .filter(id => id && !flights.some(one => one.id === id))
   for (const id of new Set(named)) flights.push(...(await findFlights({ search: id }, signal)).flights.filter(one =>
     one.id === id))
 }
@@ -137,7 +138,8 @@ function signalSection(page, found, query, signal) {
   const place = h('div', { class: 'plots' })
   const picker = h('div', {})
   const choices = flights.map(flight => [flight.id, flightTitle(flight)])
-  const chosen = () => [query.get('fa'), query.get('fb')].map(id => flights.find(flight => flight.id === id) ?? flights[0])
+  const chosen = () => [query.get('fa'), query.get('fb')].map(id =>
+    flights.find(flight => flight.id === id) ?? flights[0])
   const draw = async () => {
     try {
       place.replaceChildren(await overlay(chosen(), query.get('s') ?? '', signal))

@@ -211,7 +211,11 @@ async function curves(series, name, signal) {
   return made
 }
 
-/** A series with a gap wherever its stretches of time do not join. @param {Curve} entry @returns {Record<keyof Curve, (number | null)[]>} */
+/**
+ * A series with a gap wherever its stretches of time do not join.
+ * @param {Curve} entry
+ * @returns {Record<keyof Curve, (number | null)[]>}
+ */
 function broken(entry) {
   const steps = entry.time_s.slice(1).map((time, i) => time - entry.time_s[i])
   const usual = [...steps].sort((a, b) => a - b)[Math.floor(steps.length / 2)] ?? 0
