@@ -32,7 +32,7 @@ export async function overTime(groups, found, range, { used, modes }, moved, sig
     const units = [...new Set(group.map(name => shownUnit(found[name].unit)[0]))]
     const figure = await plot({ x: 'time, s', y: units[0], xRange: own, height: group.length > 1 ? 300 : 200,
       select: true })
-    /** @type {Record<string, { name: string, range: any } | null>} by unit; null is the plot's own axis */
+    /** @type {Record<string, FurtherAxis | null>} by unit; null is the plot's own axis */
     const axes = { [units[0]]: null }
     for (const unit of units.slice(1)) axes[unit] = await furtherAxis(figure, unit)
     for (const { start, end } of used) {

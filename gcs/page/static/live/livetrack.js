@@ -87,7 +87,7 @@ export class Track {
     if (!before || !home || (before[0] === home[0] && before[1] === home[1])) return
     const north = (before[0] - home[0]) * METRES_PER_DEGREE
     const east = (before[1] - home[1]) * METRES_PER_DEGREE * Math.cos(home[0] * Math.PI / 180)
-    this.places = this.places.map(([to_north, to_east]) => [to_north + north, to_east + east])
+    this.places = this.places.map(one => [one[0] + north, one[1] + east])
   }
 
   draw() {

@@ -24,7 +24,7 @@ const axisStyle = () => ({
 })
 const DASHES = ['solid', 'dashed', 'solid', 'dotdash', 'solid', 'dashed']
 
-/** @type {Promise<any> | null} */
+/** @type {Promise<BokehObject> | null} */
 let loading = null
 
 /** BokehJS, loaded once. */
