@@ -19,6 +19,7 @@ const HEALTH_EVERY_MS = 5000
 async function health() {
   const line = byId('health')
   try {
+    /** @type {Health} */
     const state = await get('/api/health')
     const links = `${state.links_connected} of ${state.links_total} links connected`
     line.textContent = state.problem ? `Trouble: ${state.problem}`
@@ -33,9 +34,9 @@ async function health() {
 // Where browsers allow it, the page opens without the station, and says that it is away.
 if ('serviceWorker' in navigator && isSecureContext) navigator.serviceWorker.register('/shell.js').catch(() => {})
 dress()
-chooser(document.getElementById('theme'))
-listen(document.getElementById('keys'))
-languageChooser(document.getElementById('language'))
+chooser(/** @type {HTMLSelectElement} */ (byId('theme')))
+listen(byId('keys'))
+languageChooser(/** @type {HTMLSelectElement} */ (byId('language')))
 await translate()
 start({
   live,

@@ -11,12 +11,19 @@ import { surfaceCheck } from './surfacecheck.js'
 import { trends } from './trends.js'
 import { say } from '../shared/language.js'
 
-/** The view of all aircraft, of one, or of a new one. */
+/**
+ * The view of all aircraft, of one, or of a new one.
+ * @param {HTMLElement} page
+ * @param {string[]} parts
+ * @param {URLSearchParams} query
+ * @param {AbortSignal} signal
+ */
 export async function aircraft(page, [id, action], query, signal) {
   if (id === 'new') return newOne(page, query, signal)
   if (id) return one(page, id, action, signal)
+  /** @type {Aircraft[]} */
   const found = await get('/api/vehicles', signal)
-  page.append(
+  page.append(...there(
     h('h1', {}, 'Aircraft'),
     h('p', {}, 'What a flight is identified with: mass, geometry, which servo moves what. Each flight names its '
       + 'aircraft.'),
@@ -27,13 +34,15 @@ export async function aircraft(page, [id, action], query, signal) {
         `${number(item.mass_kg)} kg`, `${number(item.span_m)} m`, utc(item.changed),
         item.warnings.length ? String(item.warnings.length) : '',
       ])) : remark('note', h('p', {}, 'There is none yet. A scale and a ruler are enough to begin with.')),
-    importForm())
+    importForm()))
 }
 
+/** @param {HTMLElement} page @param {URLSearchParams} query @param {AbortSignal} signal */
 async function newOne(page, query, signal) {
   const copied = query.get('copy')
+  /** @type {Aircraft | null} */
   const found = copied ? await get(`/api/vehicles/${encodeURIComponent(copied)}`, signal) : null
-  page.append(trail('new'), h('h1', {}, copied ? `Copy of ${found.name}` : 'A new aircraft'))
+  page.append(trail('new'), h('h1', {}, copied ? `Copy of ${found?.name}` : 'A new aircraft'))
   const form = found?.reading.form ? { ...found.reading.form, name: `${found.name} copy` }
     : { name: '', numbers: {}, controls: {}, places: {}, bench: {} }
   page.append(aircraftForm({ toml: found?.reading.toml ?? '', form, signal, label: 'Keep this aircraft',
@@ -44,15 +53,17 @@ async function newOne(page, query, signal) {
     } }))
 }
 
+/** @param {HTMLElement} page @param {string} reference @param {string} action @param {AbortSignal} signal */
 async function one(page, reference, action, signal) {
+  /** @type {Aircraft} */
   const found = await get(`/api/vehicles/${encodeURIComponent(reference)}`, signal)
   const [id] = reference.split('@')
   const newest = found.version === found.versions.at(-1)
   page.append(trail(found.name), h('h1', {}, action === 'edit' ? `Change ${found.name}` : found.name))
   if (action === 'edit') {
     page.append(h('p', {},
-      `What you keep becomes version ${found.versions.at(-1) + 1}; flights stay with the version they were identified `
-        + `with.`))
+      `What you keep becomes version ${(found.versions.at(-1) ?? 0) + 1}; flights stay with the version they were `
+        + `identified with.`))
     page.append(aircraftForm({ toml: found.reading.toml, form: found.reading.form, signal, label: 'Keep the change',
       save: async draft => {
         const changed = await put(`/api/vehicles/${id}`, draft)
@@ -80,11 +91,13 @@ async function one(page, reference, action, signal) {
   page.append(await trends(id, signal))
 }
 
+/** @type {Record<string, string>} */
 const UNITS = { kg: 'kg', m: 'm', m2: 'm²', kgm2: 'kg m²', n: 'N', mps: 'm/s' }
+/** @type {Record<string, string>} */
 const NAMES = { mass: 'Mass', span: 'Span', area: 'Wing area', chord: 'Mean chord',
   max_thrust: 'Largest static thrust', propeller: 'Propeller', speed: 'Cruise speed' }
 
-/** What was entered into the form; nothing where the form cannot show the file. */
+/** What was entered into the form; nothing where the form cannot show the file. @param {AircraftForm | null} form */
 function described(form) {
   if (!form) return null
   const numbers = Object.entries(form.numbers).map(([key, value]) => {
@@ -98,6 +111,7 @@ function described(form) {
     table('Measured and typed', ['What', 'Value'], [...numbers, ...controls]))
 }
 
+/** @param {HTMLButtonElement} button @param {string} id @param {string} name */
 async function discard(button, id, name) {
   if (!confirm(say(`Take ${name} from the list? Flights that were identified with it keep it.`))) return
   button.disabled = true
@@ -111,6 +125,7 @@ async function discard(button, id, name) {
   }
 }
 
+/** @param {string} name */
 const trail = name => h('p', { class: 'trail' }, h('a', { href: '#/aircraft' }, 'Aircraft'), ' › ', name)
 
 function importForm() {
@@ -118,7 +133,7 @@ function importForm() {
   const words = h('p', { role: 'status' })
   return h('form', { class: 'panel', submit: async event => {
     event.preventDefault()
-    const [file] = input.files
+    const [file] = /** @type {FileList} */ (input.files)
     try {
       const made = await post('/api/vehicles', { toml: await file.text() })
       location.hash = `#/aircraft/${made.id}`

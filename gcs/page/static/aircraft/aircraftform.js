@@ -3,7 +3,11 @@
 import { field, h, select } from '../shared/dom.js'
 import { swings } from './pendulum.js'
 
+/** @type {Record<string, string>} */
 const CONTROLS = { elevator: 'Elevator', aileron: 'Ailerons', rudder: 'Rudder', throttle: 'Throttle' }
+// The servo outputs that are usual.
+/** @type {Record<string, number>} */
+const OUTPUTS = { elevator: 2, aileron: 1, rudder: 4 }
 const SENSORS = {
   alpha_vane: 'Angle-of-attack vane', beta_vane: 'Sideslip vane', accelerometer: 'Accelerometer (the autopilot)',
 }
@@ -11,6 +15,7 @@ const CHANNELS = [['alpha', 'angle of attack'], ['beta', 'sideslip'], ['airspeed
 
 /** Its parts, which write what is entered into `form` and call changed() then. */
 export class Form {
+  /** @param {AircraftForm} form @param {() => void} changed */
   constructor(form, changed) {
     this.form = form
     this.changed = changed
@@ -19,7 +24,7 @@ export class Form {
     this.elements = [this.basics(), this.inertia(), this.controls(), this.motor(), this.places(), this.bench()]
   }
 
-  /** Put numbers that were worked out into their fields. */
+  /** Put numbers that were worked out into their fields. @param {Record<string, number>} made */
   take(made) {
     for (const [name, value] of Object.entries(made)) {
       this.form.numbers[name] = value
@@ -28,7 +33,13 @@ export class Form {
     this.changed()
   }
 
-  /** A field of a number that is kept in form.numbers; empty takes it out. */
+  /**
+   * A field of a number that is kept in form.numbers; empty takes it out.
+   * @param {string} name
+   * @param {string} label
+   * @param {string} unit
+   * @param {string} [hint]
+   */
   figure(name, label, unit, hint) {
     const input = h('input',
       { type: 'number', step: 'any', inputmode: 'decimal', value: this.form.numbers[name] ?? null, input: () => {
@@ -73,6 +84,7 @@ export class Form {
       Object.keys(CONTROLS).map(name => this.control(name)))
   }
 
+  /** @param {string} name @returns {HTMLElement} */
   control(name) {
     const given = this.form.controls[name]
     const box = h('input', { type: 'checkbox', checked: Boolean(given), change: () => {
@@ -84,7 +96,7 @@ export class Form {
     const again = () => {
       const drawn = this.control(name)
       place.replaceWith(drawn)
-      drawn.querySelector('input').focus()
+      drawn.querySelector('input')?.focus()
       this.changed()
     }
     const title = h('label', { class: 'choice' }, box, CONTROLS[name])
@@ -105,7 +117,15 @@ export class Form {
     return place
   }
 
+  /**
+   * @param {string} name
+   * @param {AircraftControl} given
+   * @param {Servo} servo
+   * @param {number} index
+   * @param {() => void} again
+   */
   servo(name, given, servo, index, again) {
+    /** @param {'pwm_us' | 'travel'} key @param {string} label @param {string | null} [hint] */
     const list = (key, label, hint) => {
       const input = h('input', { type: 'text', inputmode: 'decimal', value: servo[key].join(', '), input: () => {
         servo[key] = input.value.split(/[\s,;]+/).filter(Boolean).map(Number)
@@ -114,6 +134,7 @@ export class Form {
       } })
       return field(label, input, hint)
     }
+    /** @param {'servo' | 'mix'} key @param {string} label @param {string} hint */
     const figure = (key, label, hint) => {
       const input = h('input', { type: 'number', step: 'any', value: servo[key], input: () => {
         servo[key] = Number(input.value)
@@ -143,6 +164,7 @@ export class Form {
   }
 
   places() {
+    /** @param {string} name @param {string} label */
     const place = (name, label) => {
       const input = h('input',
         { type: 'text', value: this.form.places[name]?.join(', ') ?? '', placeholder: '0.1, 0.5, 0', input: () => {
@@ -164,7 +186,8 @@ export class Form {
     const again = () => {
       const drawn = this.bench()
       place.replaceWith(drawn)
-      drawn.querySelector('input, button').focus()
+      const first = /** @type {HTMLElement | null} */ (drawn.querySelector('input, button'))
+      first?.focus()
       this.changed()
     }
     const place = h('fieldset', { class: 'panel' }, h('legend', {}, 'Bench tables of analogue channels'),
@@ -178,8 +201,10 @@ export class Form {
     return place
   }
 
+  /** @param {string} name @param {() => void} again */
   table(name, again) {
     const given = this.form.bench[name]
+    /** @param {'source' | 'form' | 'unit'} key @param {string} label @param {string} hint */
     const short = (key, label, hint) => {
       const input = h('input', { type: 'text', value: given[key], input: () => {
         given[key] = input.value.trim()
@@ -210,5 +235,6 @@ export class Form {
   }
 }
 
+/** @param {string} name @returns {Servo} */
 const newServo = name => name === 'throttle' ? { servo: 3, pwm_us: [1100, 1900], travel: [0, 100], mix: 1 }
-  : { servo: { elevator: 2, aileron: 1, rudder: 4 }[name], pwm_us: [1100, 1500, 1900], travel: [-20, 0, 20], mix: 1 }
+  : { servo: OUTPUTS[name], pwm_us: [1100, 1500, 1900], travel: [-20, 0, 20], mix: 1 }

@@ -3,7 +3,10 @@
 import { h, listing, remark, table } from '../shared/dom.js'
 import { number } from '../shared/format.js'
 
-/** What a vehicle file says, and the picture that shows a wrong unit. begun: whether anything was entered yet. */
+/**
+ * What a vehicle file says, and the picture that shows a wrong unit. begun: whether anything was entered yet.
+ * @param {AircraftReading} found
+ */
 export function reading(found, begun = true) {
   if (found.problem) return remark(begun ? 'bad' : 'note',
     h('p', {}, begun ? found.problem
@@ -11,6 +14,7 @@ export function reading(found, begun = true) {
   const picture = h('img',
     { class: 'sketch', src: `data:image/svg+xml;charset=utf-8,${encodeURIComponent(found.sketch)}`,
       alt: `${found.name} from above and from the front, to scale, beside a sheet of A4` })
+  /** @param {Figure} figure */
   const row = figure =>
     [figure.name, `${number(figure.value)} ${shown(figure.unit)}`.trim(), `${figure.usual[0]} to ${figure.usual[1]}`,
       figure.is_usual ? '' : h('strong', {}, 'unusual: is a unit wrong?')]
@@ -20,4 +24,5 @@ export function reading(found, begun = true) {
     h('figure', {}, picture, h('figcaption', {}, 'Drawn to scale from what was entered; broken lines are guesses.')))
 }
 
+/** @param {string} unit */
 const shown = unit => unit.replaceAll('^2', '²')

@@ -8,14 +8,27 @@ import { reading } from './aircraftreading.js'
 const PAUSE_MS = 300
 
 /**
+ * @typedef {{ toml: string, form: AircraftForm | null, save: (draft: AircraftDraft) => Promise<void>, label: string,
+ *   signal: AbortSignal }} Described
+ */
+
+/**
  * The form, what follows from it, and its text.
  * toml: the text that the form's answers are put into. form: null where the form cannot show it. save(draft): keeps it.
+ * @param {Described} described
  */
 export function aircraftForm({ toml, form, save, label, signal }) {
   return new Description(toml, form, save, label, signal).element
 }
 
 class Description {
+  /**
+   * @param {string} toml
+   * @param {AircraftForm | null} form
+   * @param {Described['save']} save
+   * @param {string} label
+   * @param {AbortSignal} signal
+   */
   constructor(toml, form, save, label, signal) {
     this.toml = toml
     this.form = form && structuredClone(form)
@@ -48,6 +61,7 @@ class Description {
     this.place.replaceChildren(...new Form(this.form, () => this.changed()).elements)
   }
 
+  /** @returns {AircraftDraft} */
   draft() {
     const named = this.form && { ...this.form, name: this.form.name.trim() || 'aircraft' }
     return named && !this.typed ? { toml: this.toml, form: named } : { toml: this.text.value }
@@ -68,6 +82,7 @@ class Description {
   async check() {
     const draft = this.draft()
     const serial = ++this.asked
+    /** @type {AircraftReading} */
     let found
     try {
       found = await post('/api/vehicles/check', draft)
@@ -92,6 +107,7 @@ class Description {
       ...(this.typed ? [remark('note', h('p', {}, 'The form waits until the text is a vehicle file again.'))] : []))
   }
 
+  /** @param {SubmitEvent} event */
   async submit(event) {
     event.preventDefault()
     if (this.form && !this.typed && !this.form.name.trim()) {

@@ -4,13 +4,17 @@ import { post, sentence } from '../shared/api.js'
 import { field, h, select } from '../shared/dom.js'
 import { number } from '../shared/format.js'
 
+/** @type {Choice[]} */
 const AXES = [['Iyy', 'pitch (Iyy)'], ['Ixx', 'roll (Ixx)'], ['Izz', 'yaw (Izz)']]
 
 /**
  * Swings of a pendulum become a moment of inertia with its error.
  * numbers: of the form, which holds the mass. take: called with what was found, by the names of the form's numbers.
+ * @param {Record<string, number>} numbers
+ * @param {(made: Record<string, number>) => void} take
  */
 export function swings(numbers, take) {
+  /** @type {Record<string, string>} */
   const hint = { bifilar: 'of the two wires', swing: 'from the axis down to the centre of gravity' }
   const [length, spacing] = [0, 1].map(() => h('input', { type: 'number', step: 'any', min: 0 }))
   const times = h('input', { type: 'text', placeholder: '15.9, 15.7, 15.8', autocomplete: 'off' })
@@ -20,7 +24,7 @@ export function swings(numbers, take) {
   const axis = select(AXES, 'Iyy')
   const way = select([['bifilar', 'hung on two wires, turned about the vertical'],
     ['swing', 'swung about an axis above it']], 'bifilar', value => {
-      lengthField.querySelector('.hint').textContent = hint[value]
+      /** @type {Element} */ (lengthField.querySelector('.hint')).textContent = hint[value]
       spacingField.hidden = value === 'swing'
     })
   const says = h('p', { role: 'status' })

@@ -4,9 +4,14 @@ import { h, remark } from '../shared/dom.js'
 import { number } from '../shared/format.js'
 import { follow } from '../shared/stream.js'
 
+/** @type {Record<string, string>} */
 const NAMES = { elevator: 'Elevator', aileron: 'Ailerons', rudder: 'Rudder', throttle: 'Throttle' }
 
-/** The section; it follows the vehicle once it is opened. controls: of the form, by name. */
+/**
+ * The section; it follows the vehicle once it is opened. controls: of the form, by name.
+ * @param {Record<string, AircraftControl>} controls
+ * @param {AbortSignal} signal
+ */
 export function surfaceCheck(controls, signal) {
   const names = Object.keys(controls)
   if (!names.length) return ''
@@ -36,6 +41,7 @@ export function surfaceCheck(controls, signal) {
 }
 
 class Row {
+  /** @param {string} name @param {AircraftControl} control */
   constructor(name, { servos }) {
     this.servos = servos
     this.unit = name === 'throttle' ? '%' : '°'
@@ -45,7 +51,7 @@ class Row {
     this.element = h('p', { class: 'row' }, h('strong', {}, NAMES[name]), this.bar, this.words)
   }
 
-  /** Show what the servos are commanded; whether all of them were heard. */
+  /** Show what the servos are commanded; whether all of them were heard. @param {Record<string, number>} signals */
   show(signals) {
     const pulses = this.servos.map(({ servo }) => signals[`servo${servo}`])
     if (pulses.some(pulse => !Number.isFinite(pulse))) return false
@@ -58,12 +64,18 @@ class Row {
   }
 }
 
-/** The value at x on a curve of points, held beyond its ends. */
+/**
+ * The value at x on a curve of points, held beyond its ends.
+ * @param {number} x
+ * @param {number[]} xs
+ * @param {number[]} ys
+ * @returns {number}
+ */
 export function along(x, xs, ys) {
-  if (xs[0] > xs.at(-1)) return along(x, xs.toReversed(), ys.toReversed())
+  if (xs[0] > xs[xs.length - 1]) return along(x, xs.toReversed(), ys.toReversed())
   if (x <= xs[0]) return ys[0]
   for (let i = 1; i < xs.length; i++) {
     if (x <= xs[i]) return ys[i - 1] + (ys[i] - ys[i - 1]) * (x - xs[i - 1]) / (xs[i] - xs[i - 1])
   }
-  return ys.at(-1)
+  return ys[ys.length - 1]
 }

@@ -9,8 +9,13 @@ import { BLUE, level, plot, RED, shown, source } from '../shared/plots.js'
 const APART = 0.001
 const FIRST = ['CL_alpha', 'Cm_alpha', 'Cm_de', 'Cl_da', 'Cn_dr']
 
-/** The section of trends; an element that says so where there are too few flights. */
+/**
+ * The section of trends; an element that says so where there are too few flights.
+ * @param {string} id
+ * @param {AbortSignal} signal
+ */
 export async function trends(id, signal) {
+  /** @type {Trend[]} */
   const found = await get(`/api/vehicles/${encodeURIComponent(id)}/trends`, signal)
   const section = h('section', {}, h('h2', {}, 'Over its flights'))
   const known = found.filter(one => one.estimates.length > 1)
@@ -35,7 +40,9 @@ export async function trends(id, signal) {
         + `${Math.max(...known.map(one => one.estimates.length))} flights.`)))
   }
   const place = h('div', { class: 'plots' })
-  const draw = async name => place.replaceChildren(await drawn(known.find(one => one.name === name), signal))
+  /** @param {string} name */
+  const draw = async name =>
+    place.replaceChildren(await drawn(known.find(one => one.name === name) ?? known[0], signal))
   const first = changed[0]?.name ?? apart[0]?.name ?? FIRST.find(name => known.some(one => one.name === name))
     ?? known[0].name
   section.append(field('Coefficient', select(known.map(({ name }) => [name, name]), first, draw)), place)
@@ -43,6 +50,7 @@ export async function trends(id, signal) {
   return section
 }
 
+/** @param {Trend} trend @param {AbortSignal} signal */
 async function drawn({ name, estimates, mean, std, constant_p, change }, signal) {
   const titles = estimates.map((one, index) => one.title || utc(one.start) || String(index + 1))
   const figure = await plot({ x: 'flight, oldest first', y: name, height: 260, counted: true })
@@ -64,6 +72,7 @@ async function drawn({ name, estimates, mean, std, constant_p, change }, signal)
   return shown(figure, words({ name, estimates, mean, std, constant_p, change }, titles), signal)
 }
 
+/** @param {Trend} trend @param {string[]} titles */
 function words({ name, estimates, mean, std, constant_p, change }, titles) {
   const all = `${name} of ${estimates.length} flights, 95 % intervals; weighted mean ${plusMinus({ value: mean, std })}`
   if (!change && constant_p < APART)

@@ -23,6 +23,11 @@ export class Drawing {
    * query: the address's parameters, which keep stretch and way. begun: called with a job for the stretch that is
    * shown.
    * regroup: called with which signals stand in which plot when somebody has changed that.
+   * @param {FlightSummary} summary
+   * @param {URLSearchParams} query
+   * @param {AbortSignal} signal
+   * @param {TakeJob} begun
+   * @param {(groups: string[][]) => Promise<void>} regroup
    */
   constructor(summary, query, signal, begun, regroup) {
     this.summary = summary
@@ -30,10 +35,13 @@ export class Drawing {
     this.signal = signal
     this.begun = begun
     this.regroup = regroup
+    /** @type {SignalPlot[]} */
     this.shown = []
     this.serial = 0
     this.whole = [0, Infinity]
+    /** @type {string[][]} */
     this.groups = []
+    /** @type {Record<string, any>} series, spectra or spectrograms by name */
     this.found = {}
     /** @type {{ start: number, end: number } | null} until something is drawn */
     this.range = null
@@ -54,7 +62,7 @@ export class Drawing {
     return this.way === '' || this.way === 'together'
   }
 
-  /** groups: the names of the signals of each plot. */
+  /** groups: the names of the signals of each plot. @param {string[][]} groups */
   async draw(groups) {
     const serial = ++this.serial
     await bokeh()
@@ -81,11 +89,11 @@ export class Drawing {
     }
     this.place.replaceChildren(...this.shown.map(({ element }) => element))
     this.cursor.element.hidden = this.shaded.hidden = !this.timed
-    this.cursor.show(this.timed ? this.shown : [])
+    this.cursor.show(this.timed ? /** @type {TimedPlot[]} */ (this.shown) : [])
     this.showSpan()
   }
 
-  /** Draw the signals of one plot in another. */
+  /** Draw the signals of one plot in another. @param {number} from @param {number} to */
   join(from, to) {
     const joined = this.groups.map((group, index) =>
       index === to ? [...group, ...this.groups[from]] : index === from ? [] : group)
@@ -94,24 +102,30 @@ export class Drawing {
     return this.regroup(joined)
   }
 
-  /** What can be done with the place of a plot: [words, act] of each. */
+  /** What can be done with the place of a plot: [words, act] of each. @param {number} index @returns {Move[]} */
   moves(index) {
     const { groups } = this
-    const others = groups.map((group, to) =>
-      [`Draw with ${group.map(signalName).join(', ')}`, () => this.join(index, to)]).filter((_, to) => to !== index)
+    const others = groups.map((group, to) => /** @type {Move} */ (
+      [`Draw with ${group.map(signalName).join(', ')}`, () => this.join(index, to)])).filter((_, to) => to !== index)
+    /** @type {Move[]} */
     const apart = groups[index].length > 1
       ? [['Draw each in a plot of its own',
         () => this.regroup(groups.flatMap((group, at) => at === index ? group.map(name => [name]) : [group]))]] : []
     return [...apart, ...others]
   }
 
-  /** The flight from its first to its last sample; a vehicle's clock may run at another pace than ours. */
+  /**
+   * The flight from its first to its last sample; a vehicle's clock may run at another pace than ours.
+   * @param {Record<string, Series>} found
+   */
   learn(found) {
-    const ends = Object.values(found).filter(series => series.time.length).flatMap(({ time }) => [time[0], time.at(-1)])
+    const ends = Object.values(found).filter(series => series.time.length)
+      .flatMap(({ time }) => [time[0], time[time.length - 1]])
     if (ends.length) this.whole = [Math.min(...ends), Math.max(...ends)]
     return { start: this.whole[0], end: this.whole[1] }
   }
 
+  /** @param {string[]} names */
   async length(names) {
     const asked = asking({ names: names.slice(0, 1).join(','), points: POINTS })
     return names.length ? this.learn((await get(`${this.path}/signals?${asked}`, this.signal)).signals)
@@ -122,6 +136,12 @@ export class Drawing {
     return `/api/flights/${encodeURIComponent(this.summary.id)}`
   }
 
+  /**
+   * @param {string[]} names
+   * @param {string} way
+   * @param {{ start: number, end: number } | null} range
+   * @returns {Promise<Record<string, any>>} series or, by the way, spectra or spectrograms
+   */
   async fetch(names, way, range) {
     const spectral = way.startsWith('spectr')
     const points = way === 'xy' ? Math.min(FINE, Math.floor(400_000 / names.length)) : POINTS
@@ -138,7 +158,7 @@ export class Drawing {
     return this.draw(this.groups).then(() => keepQuery(this.query))
   }
 
-  /** All plots follow the one whose range has changed. */
+  /** All plots follow the one whose range has changed. @param {{ start: number, end: number }} range */
   moved({ start, end }) {
     if (start === this.range?.start && end === this.range?.end) return
     this.range = { start, end }
@@ -160,7 +180,7 @@ export class Drawing {
         const found = await this.fetch(this.names, this.way, this.range)
         if (serial !== this.serial) return
         this.found = found
-        for (const plot of this.shown) plot.take(found)
+        for (const plot of this.shown) plot.take?.(found)
       }
       keepQuery(this.query)
     } catch (error) {
@@ -173,7 +193,7 @@ export class Drawing {
     this.span.textContent = `${number(this.range.start, 4)} to ${number(this.range.end, 4)} s`
   }
 
-  /** Show the stretch from start to end, s, kept within the flight. */
+  /** Show the stretch from start to end, s, kept within the flight. @param {number} start @param {number} end */
   look(start, end) {
     const [begin, finish] = this.whole
     const length = Math.min(end - start, finish - begin)
@@ -182,7 +202,7 @@ export class Drawing {
     announce(`Shown: ${this.span.textContent}`)
   }
 
-  /** Identify the stretch that is shown. */
+  /** Identify the stretch that is shown. @param {HTMLButtonElement} button */
   async identify(button) {
     if (!this.range) return
     button.disabled = true
@@ -201,26 +221,29 @@ export class Drawing {
   /** What is drawn, as a table: a row for each sample of any signal. */
   table() {
     if (this.way === 'spectrogram') return this.tableOverTime()
+    /** @type {Map<number, (string | number)[]>} */
     const rows = new Map()
     this.names.forEach((name, column) => {
       const { time, frequency, value, unit } = this.found[name]
       const factor = time ? shownUnit(unit)[1] : 1
-      ;(time ?? frequency).forEach((at, i) => {
-        if (!rows.has(at)) rows.set(at, [])
-        rows.get(at)[column] = value[i] === null ? '' : value[i] * factor
+      ;/** @type {number[]} */ (time ?? frequency).forEach((at, i) => {
+        const row = rows.get(at) ?? []
+        rows.set(at, row)
+        row[column] = value[i] === null ? '' : value[i] * factor
       })
     })
     const across = this.way === 'spectrum' ? 'frequency_Hz' : 'time_s'
     const head = [across, ...this.names.map(name =>
       `${name} [${this.way === 'spectrum' ? this.found[name].unit : shownUnit(this.found[name].unit)[0]}]`)]
     const lines = [...rows.keys()].sort((a, b) => a - b).map(at =>
-      [at, ...this.names.map((_, i) => rows.get(at)[i] ?? '')].join(','))
+      [at, ...this.names.map((_, i) => rows.get(at)?.[i] ?? '')].join(','))
     hand(new Blob([[head.join(','), ...lines, ''].join('\n')], { type: 'text/csv' }), `${this.summary.id}.csv`)
   }
 
   /** Spectrograms as a table: a row for each moment and frequency. */
   tableOverTime() {
     const lines = this.names.flatMap(name => {
+      /** @type {Spectrogram} */
       const { time, frequency, value } = this.found[name]
       return time.flatMap((at, column) =>
         frequency.map((hz, row) => [name, at, hz, value[row][column] ?? ''].join(',')))
@@ -230,17 +253,18 @@ export class Drawing {
   }
 
   controls() {
-    const zoom = factor => () => {
+    const zoom = (/** @type {number} */ factor) => () => {
       if (!this.range) return
       const { start, end } = this.range
       const [middle, half] = [(start + end) / 2, factor * (end - start) / 2]
       this.look(middle - half, middle + half)
     }
-    const move = share => () => {
+    const move = (/** @type {number} */ share) => () => {
       if (!this.range) return
       const { start, end } = this.range
       this.look(start + share * (end - start), end + share * (end - start))
     }
+    /** @param {string} text @param {string} label @param {() => void} click */
     const button = (text, label, click) => h('button', { type: 'button', 'aria-label': label, click }, text)
     return h('div', { class: 'row', role: 'group', 'aria-label': 'Stretch of time' },
       button('+', 'Zoom in', zoom(0.5)), button('−', 'Zoom out', zoom(2)),

@@ -2,7 +2,7 @@
 
 import { get, getIfThere, remove, sentence } from '../shared/api.js'
 import { announce } from '../shared/announce.js'
-import { h, listing, remark } from '../shared/dom.js'
+import { h, listing, remark, there } from '../shared/dom.js'
 import { discrepancy } from '../model/discrepancy.js'
 import { duration, size, utc } from '../shared/format.js'
 import { identification } from '../model/identification.js'
@@ -17,9 +17,16 @@ import { say } from '../shared/language.js'
 
 const TABS = [['', 'Flight'], ['model', 'Model'], ['discrepancy', 'Discrepancy'], ['plan', 'Next flight']]
 
-/** The view of one flight: parts are its id and the tab. */
+/**
+ * The view of one flight: parts are its id and the tab.
+ * @param {HTMLElement} page
+ * @param {string[]} parts
+ * @param {URLSearchParams} query
+ * @param {AbortSignal} signal
+ */
 export async function flight(page, [id, tab = ''], query, signal) {
   const path = `/api/flights/${encodeURIComponent(id)}`
+  /** @type {FlightSummary} */
   const summary = await get(path, signal)
   const name = flightTitle(summary)
   const place = `#/flights/${encodeURIComponent(id)}`
@@ -37,9 +44,10 @@ export async function flight(page, [id, tab = ''], query, signal) {
   } else if (tab === 'plan') {
     await plan(page, await getIfThere(`${path}/design`, signal), summary, signal)
   } else {
-    const again = change => {
+    const again = (/** @type {FlightChange} */ change) => {
       if ('vehicle' in change) location.reload()  // its signals are others with another aircraft
-      if ('title' in change) page.querySelector('h1').textContent = `Flight ${flightTitle(summary)}`
+      const heading = page.querySelector('h1')
+      if ('title' in change && heading) heading.textContent = `Flight ${flightTitle(summary)}`
     }
     const outcome = h('div', {}, outcomeLine(summary))
     const over = async () => {
@@ -53,14 +61,18 @@ export async function flight(page, [id, tab = ''], query, signal) {
     const work = h('div', {})
     const list = jobs(work, summary, signal, over)
     list.catch(() => null)  // said where it is waited for
-    await signals(page, summary, query, signal, async job => (await list)(job))
+    await signals(page, summary, query, signal, async (/** @type {Job} */ job) => (await list)(job))
     page.append(work)
     await list
     if (summary.state !== 'recording') page.append(sharing(path), deletion(path, name))
   }
 }
 
-/** Deleting the flight, which asks first, and then leads to the list, where it can be taken back. */
+/**
+ * Deleting the flight, which asks first, and then leads to the list, where it can be taken back.
+ * @param {string} path
+ * @param {string} name
+ */
 function deletion(path, name) {
   const words = remark('bad')
   const button = h('button', { click: async event => {
@@ -81,6 +93,7 @@ function deletion(path, name) {
 }
 
 // A recording played, or simulated, faster than it was flown: both times are shown.
+/** @param {FlightSummary} summary */
 function flown(summary) {
   const received = summary.duration_s
   const own = summary.vehicle_duration_s ?? received
@@ -88,6 +101,7 @@ function flown(summary) {
     : `${duration(own)} by the vehicle’s clock, received in ${duration(received)}`
 }
 
+/** @param {FlightSummary} summary @param {string} path */
 function facts(summary, path) {
   const messages = Object.values(summary.topics).reduce((sum, count) => sum + count, 0)
   const entries = {
@@ -102,7 +116,7 @@ function facts(summary, path) {
     `${path}/recording?part=${index + 1}`, `${summary.id}${summary.parts > 1 ? `-${index + 1}` : ''}.mcap`,
     summary.parts > 1 ? `Recording, part ${index + 1} of ${summary.parts}`
       : `Recording (MCAP, ${size(summary.bytes)})`))
-  return [
+  return there(
     h('dl', { class: 'facts' }, Object.entries(entries).map(([term, text]) =>
       h('div', {}, h('dt', {}, term), h('dd', {}, text)))),
     summary.damage.length ? remark('bad', h('h2', {}, 'Damage'), listing(summary.damage)) : null,
@@ -116,5 +130,5 @@ function facts(summary, path) {
     summary.recording_deleted ? remark('note',
       h('p', {}, `The recording was deleted on ${utc(summary.recording_deleted)} to make room; its results are kept.`))
       : h('p', { class: 'row' }, parts),
-  ].filter(Boolean)
+  )
 }

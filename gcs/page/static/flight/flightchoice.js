@@ -7,15 +7,22 @@ import { field, h } from '../shared/dom.js'
 const SHOWN = 50
 const PAUSE_MS = 250
 
-/** How a flight is called in lists. */
+/** How a flight is called in lists. @param {Flight} flight */
 export const flightTitle = flight => flight.title || (flight.source === 'upload' ? flight.name : flight.id)
 
 /**
  * The newest flights that match: { flights, next }; next says that there are more. wanted: as GET /api/flights has it.
+ * @param {Record<string, string>} wanted
+ * @param {AbortSignal} [signal]
+ * @returns {Promise<FlightPage>}
  */
 export const findFlights = (wanted, signal) => get(`/api/flights?${asking({ limit: SHOWN, ...wanted })}`, signal)
 
-/** A field that looks for flights while one types; take: called with what findFlights gives, and the words. */
+/**
+ * A field that looks for flights while one types; take: called with what findFlights gives, and the words.
+ * @param {(found: FlightPage, words: string) => void} take
+ * @param {AbortSignal} signal
+ */
 export function flightSearch(take, signal) {
   let timer = 0
   let asked = 0

@@ -2,7 +2,7 @@
 
 import { asking, get, post, remove, sentence, upload } from '../shared/api.js'
 import { announce } from '../shared/announce.js'
-import { field, h, remark, select, table } from '../shared/dom.js'
+import { field, h, remark, select, table, there } from '../shared/dom.js'
 import { findFlights, flightTitle } from './flightchoice.js'
 import { outcomeWords } from './flightnotes.js'
 import { duration, size, utc } from '../shared/format.js'
@@ -12,7 +12,7 @@ import { say } from '../shared/language.js'
 
 const PAUSE_MS = 250
 
-/** What the list shows of one flight, its name a link. */
+/** What the list shows of one flight, its name a link. @param {Flight} flight */
 function row(flight) {
   const box = h('input', { type: 'checkbox', value: flight.id, 'aria-label': `Choose ${flightTitle(flight)}` })
   return [
@@ -24,9 +24,16 @@ function row(flight) {
   ]
 }
 
-/** The view of all flights. */
+/**
+ * The view of all flights.
+ * @param {HTMLElement} page
+ * @param {string[]} parts
+ * @param {URLSearchParams} query
+ * @param {AbortSignal} signal
+ */
 export async function flights(page, parts, query, signal) {
   const list = h('div', { 'aria-live': 'off' })
+  /** @type {Record<string, string>} */
   const wanted = Object.fromEntries(['search', 'since', 'until', 'vehicle', 'after'].map(name =>
     [name, query.get(name) ?? '']))
   let asked = 0
@@ -48,9 +55,16 @@ export async function flights(page, parts, query, signal) {
     ...(deleted.flights.length ? [bin(deleted.flights, show)] : []))
 }
 
-/** Words, days and an aircraft by which the list is narrowed while one types; the address keeps them. */
+/**
+ * Words, days and an aircraft by which the list is narrowed while one types; the address keeps them.
+ * @param {Record<string, string>} wanted
+ * @param {Aircraft[]} aircraft
+ * @param {() => Promise<FlightPage>} show
+ * @param {AbortSignal} signal
+ */
 function filters(wanted, aircraft, show, signal) {
   let timer = 0
+  /** @param {string} name @param {string} value */
   const changed = (name, value, pause = 0) => {
     Object.assign(wanted, { [name]: value, after: '' })
     clearTimeout(timer)
@@ -62,10 +76,12 @@ function filters(wanted, aircraft, show, signal) {
   }
   const words = h('input', { type: 'search', autocomplete: 'off', maxlength: 200, value: wanted.search,
     input: () => changed('search', words.value, PAUSE_MS) })
+  /** @param {string} name */
   const day = name => {
     const input = h('input', { type: 'date', value: wanted[name], change: () => changed(name, input.value) })
     return input
   }
+  /** @type {Choice[]} */
   const choices = [['', 'any'], ...aircraft.map(one => [one.id, one.name])]
   if (wanted.vehicle && !aircraft.some(one => one.id === wanted.vehicle)) choices.push([wanted.vehicle, wanted.vehicle])
   return h('div', { class: 'grid', role: 'search', 'aria-label': 'Flights' },
@@ -76,9 +92,14 @@ function filters(wanted, aircraft, show, signal) {
       field('From day (UTC)', day('since')), field('To day (UTC)', day('until'))))
 }
 
-/** What was deleted in the last day, and can be taken back. */
+/**
+ * What was deleted in the last day, and can be taken back.
+ * @param {Flight[]} found
+ * @param {() => Promise<FlightPage>} show
+ */
 function bin(found, show) {
   const words = h('p', { role: 'status' })
+  /** @param {Flight} one */
   const row = one => {
     const item = h('li', {}, `${flightTitle(one)} `,
       h('button', { 'aria-label': `Take back ${flightTitle(one)}`, click: async () => {
@@ -97,6 +118,7 @@ function bin(found, show) {
     h('ul', {}, found.map(row)), words)
 }
 
+/** @param {FlightPage} found @param {Record<string, string>} wanted */
 function content(found, wanted) {
   if (!found.flights.length && Object.values(wanted).some(Boolean)) {
     return [remark('note', h('p', {}, 'No flight fits what is asked for above.'))]
@@ -107,19 +129,20 @@ function content(found, wanted) {
       h('p', {}, h('a', { href: '#/live' }, 'See the links')))]
   }
   const head = ['Flight', 'Start (UTC)', 'Duration', 'Height', 'Result', 'System', 'Size']
-  return [
+  return there(
     table('Flights, newest first', head, found.flights.map(row), true),
     together(),
     found.next && h('p', {}, h('a', { class: 'button', 
       href: `#/flights?${asking({ ...wanted, after: found.next })}` },
       'Older flights')),
-  ].filter(Boolean)
+  )
 }
 
 /** What is done with all flights that are chosen in the list. */
 function together() {
   const says = h('p', { role: 'status' })
-  const each = (words, act) => async event => {
+  /** @param {{ ask?: string, done: string }} words @param {(id: string) => Promise<unknown>} act */
+  const each = (words, act) => async (/** @type {Event & { target: HTMLButtonElement }} */ event) => {
     /** @type {NodeListOf<HTMLInputElement>} */
     const checked = document.querySelectorAll('tbody input[type=checkbox]:checked')
     const boxes = [...checked]
@@ -129,6 +152,7 @@ function together() {
     }
     if (words.ask && !confirm(say(`${words.ask} ${boxes.length} flights?`))) return
     event.target.disabled = true
+    /** @type {string[]} */
     const refused = []
     for (const box of boxes) {
       try {
@@ -153,6 +177,7 @@ function together() {
 const TABLES = /\.(csv|tsv|txt|parquet|mat|db3|bag|mcap)$/i
 const MAPPING = '[columns]\nalpha = "AoA probe"\naz = { "Nz" = -1.0 }\n\n[units]\nalpha = "deg"\naz = "g"'
 
+/** @param {() => Promise<FlightPage>} done @param {AbortSignal} signal */
 function uploadForm(done, signal) {
   const input = h('input',
     { type: 'file', accept: '.mcap,.tlog,.bin,.ulg,.csv,.tsv,.txt,.parquet,.mat,.db3,.bag', required: true })
@@ -165,12 +190,14 @@ function uploadForm(done, signal) {
       'Only where the headers do not say it: signal = header, and the units of signals or headers. Names and units: '
         + 'docs/howto/tables.md'))
   input.addEventListener('change', () => { mapping.hidden = !TABLES.test(input.files?.[0]?.name ?? '') })
+  /** @param {SubmitEvent} event */
   const send = async event => {
     event.preventDefault()
-    const [file] = input.files
+    const [file] = /** @type {FileList} */ (input.files)
     button.disabled = true
     words.className = ''
     words.before(bar)
+    /** @param {number} share */
     const progress = share => {
       bar.value = share
       words.textContent = share < 1 ? `${file.name}: ${Math.floor(100 * share)} % of ${size(file.size)} sent`

@@ -2,7 +2,7 @@
 
 import { get, post, remove, sentence } from '../shared/api.js'
 import { announce } from '../shared/announce.js'
-import { field, h, remark, select } from '../shared/dom.js'
+import { field, h, remark, select, there } from '../shared/dom.js'
 import { findFlights, flightSearch, flightTitle } from './flightchoice.js'
 import { utc } from '../shared/format.js'
 import { modelTitle } from '../model/modeltitle.js'
@@ -16,13 +16,20 @@ const EVERY_MS = 1000
 /**
  * The section of jobs of a flight; resolves to what puts a further job into its list. over: called behind each job that
  * ends.
+ * @param {HTMLElement} page
+ * @param {FlightSummary} summary
+ * @param {AbortSignal} signal
+ * @param {() => void} over
+ * @returns {Promise<TakeJob>}
  */
 export async function jobs(page, summary, signal, over) {
+  /** @type {[ModelItem[], FlightPage]} */
   const [models, others] = await Promise.all([
     get('/api/models', signal), findFlights({}, signal),
   ])
   const list = h('ul', { class: 'jobs' })
   const none = h('p', {}, 'No job was started for this flight.')
+  /** @type {TakeJob} */
   const add = job => {
     none.remove()
     list.prepend(item(job, signal, add, over))
@@ -32,6 +39,7 @@ export async function jobs(page, summary, signal, over) {
   if (summary.state === 'recording') {
     page.append(remark('note', h('p', {}, 'Jobs can be started when the recording is over.')))
   } else {
+    /** @param {JobRequest} request @returns {Promise<Job>} */
     const start = request => post(`/api/flights/${encodeURIComponent(summary.id)}/jobs`, request).then(job => {
       add(job)
       return job
@@ -45,16 +53,26 @@ export async function jobs(page, summary, signal, over) {
   return add
 }
 
+/** @typedef {{ element: HTMLElement, chosen: () => string[] }} Judges */
+
 // Without a vehicle, or any stamped motion of it, there is nothing to compare a model with.
+/** @param {Flight} flight */
 const canJudge = flight => flight.state !== 'recording' && !flight.recording_deleted
   && flight.system !== null && flight.vehicle_duration_s !== null
 
-/** A choice of flights that the result is judged on: of the newest, and of those that are looked for. */
+/**
+ * A choice of flights that the result is judged on: of the newest, and of those that are looked for.
+ * @param {FlightSummary} summary
+ * @param {FlightPage} newest
+ * @param {AbortSignal} signal
+ */
 function judges(summary, newest, signal) {
   const list = h('fieldset', { class: 'choices' })
-  const checked = () => [...list.querySelectorAll('input:checked')]
+  /** @returns {HTMLInputElement[]} */
+  const checked = () => [.../** @type {NodeListOf<HTMLInputElement>} */ (list.querySelectorAll('input:checked'))]
+  /** @param {FlightPage} found @param {string} words */
   const show = (found, words) => {
-    const kept = checked().map(box => box.parentElement)
+    const kept = checked().flatMap(box => box.parentElement ?? [])
     const there = new Set(checked().map(box => box.value))
     const boxes = found.flights.filter(one => one.id !== summary.id && !there.has(one.id) && canJudge(one))
       .map(one => h('label', { class: 'choice' }, h('input', { type: 'checkbox', value: one.id }), flightTitle(one)))
@@ -69,6 +87,13 @@ function judges(summary, newest, signal) {
   return { element, chosen: () => checked().map(box => box.value) }
 }
 
+/**
+ * @param {string} title
+ * @param {string} words
+ * @param {string} label
+ * @param {Child} parts
+ * @param {() => Promise<Job>} submit
+ */
 function form(title, words, label, parts, submit) {
   const says = h('p', { role: 'status' })
   return h('form', {
@@ -87,8 +112,10 @@ function form(title, words, label, parts, submit) {
   }, h('h3', {}, title), h('p', {}, words), parts, h('button', { class: 'main' }, label), says)
 }
 
+/** @param {ModelItem[]} models @returns {Choice[]} */
 const named = models => models.map(model => [model.id, modelTitle(model, true)])
 
+/** @param {Judges} validate @param {ModelItem[]} models @param {(request: JobRequest) => Promise<Job>} start */
 function identifyForm(validate, models, start) {
   const method = select([['auto', 'chosen by the flight'],
     ['map', 'output error with an estimated noise spectrum'], ['ee', 'equation error'], ['oe', 'output error'],
@@ -114,9 +141,10 @@ function identifyForm(validate, models, start) {
   })
 }
 
+/** @param {Judges} validate @param {ModelItem[]} models @param {(request: JobRequest) => Promise<Job>} start */
 function discrepancyForm(validate, models, start) {
   const choice = select([...named(models), ['', 'a model file of mine …']], models[0]?.id ?? '', value => {
-    own.parentElement.hidden = value !== ''
+    file.hidden = value !== ''
   })
   const own = h('input', { type: 'file', accept: '.json' })
   const file = field('Model file (JSON)', own)
@@ -128,14 +156,16 @@ function discrepancyForm(validate, models, start) {
       h('details', {}, h('summary', {}, 'More settings'), field('Ruled out on the ground', ruledOut,
         'Effects that weighing or a test on the bench has shown not to be there, with commas between')),
     ], async () => {
-      if (!choice.value && !own.files.length)
+      const [given] = own.files ?? []
+      if (!choice.value && !given)
         throw new Error('choose a model file first, or identify one from a flight')
-      const model = choice.value || await readModel(own.files[0])
+      const model = choice.value || await readModel(given)
       const cleared = ruledOut.value.split(',').map(name => name.trim()).filter(Boolean)
       return start({ kind: 'discrepancy', model, validate: validate.chosen(), rule_out: cleared })
     })
 }
 
+/** @param {File} file */
 async function readModel(file) {
   try {
     return JSON.parse(await file.text())
@@ -146,11 +176,16 @@ async function readModel(file) {
 
 /**
  * One job in the list; it follows the job until that is over. add: puts a further job into the list. over: called then.
+ * @param {Job} job
+ * @param {AbortSignal} signal
+ * @param {TakeJob} add
+ * @param {() => void} over
  */
 function item(job, signal, add, over) {
   const element = h('li', {})
   const problem = remark('bad')
   // A button that acts on the job: what it does, and what is to be done with the answer.
+  /** @param {string} text @param {() => Promise<void>} act */
   const action = (text, act) =>
     h('button', { 'aria-label': `${text}: ${KINDS[job.kind].toLowerCase()} of ${started(job)}`,
       click: async event => {
@@ -195,13 +230,17 @@ function item(job, signal, add, over) {
   return element
 }
 
+/** @param {Job} job */
 const started = job => utc(new Date(job.created_ns / 1e6).toISOString())
+/** @param {Job} job */
 const by = job => job.owner === 'station' ? ', by the station itself' : job.owner && `, asked for from ${job.owner}`
+/** @param {Job} job */
 const running = job => job.state === 'queued' || job.state === 'running'
 
+/** @param {Job} job */
 function contents(job) {
   const title = `${KINDS[job.kind]}, ${STATES[job.state]}`
-  return [
+  return there(
     h('p', {}, h('strong', {}, title), ` (${started(job)}${by(job)})`),
     running(job)
       && h('progress', { max: 1, value: job.progress, 'aria-label': `${title}: ${Math.round(100 * job.progress)} %` }),
@@ -210,10 +249,15 @@ function contents(job) {
     job.state === 'skipped' && h('p', {}, job.log.at(-1) ?? ''),
     job.state === 'done' && h('p', {}, h('a', { class: 'button',
       href: `#/flights/${encodeURIComponent(job.flight_id)}/${TABS[job.kind]}` }, 'See the result')),
-  ].filter(Boolean)
+  )
 }
 
-/** What stands where a flight has no result of a kind yet. words: what failed, what is missing, what to press. */
+/**
+ * What stands where a flight has no result of a kind yet. words: what failed, what is missing, what to press.
+ * @param {FlightSummary} summary
+ * @param {JobKind} kind
+ * @param {{ failed: string, missing: string, start: string }} words
+ */
 export function nothingYet(summary, kind, { failed, missing, start }) {
   const job = summary.jobs.find(one => one.kind === kind && one.error)
   return remark('note', h('p', {}, job ? `${failed}: ${job.error}` : missing),

@@ -6,10 +6,17 @@ import { duration, utc } from '../shared/format.js'
 import { flightTitle } from './flightchoice.js'
 import { download, opened } from '../shared/links.js'
 
-/** The view of somebody who came with a link: parts is its token. */
+/**
+ * The view of somebody who came with a link: parts is its token.
+ * @param {HTMLElement} page
+ * @param {string[]} parts
+ * @param {URLSearchParams} query
+ * @param {AbortSignal} signal
+ */
 export async function shared(page, [token = ''], query, signal) {
   const { flight } = await post('/api/login', { token })
   const path = `/api/flights/${encodeURIComponent(flight)}`
+  /** @type {FlightSummary} */
   const summary = await get(path, signal)
   const found = await getIfThere(`${path}/identification`, signal)
   page.append(h('h1', {}, `Flight ${flightTitle(summary)}`),
@@ -19,7 +26,7 @@ export async function shared(page, [token = ''], query, signal) {
     ...(found ? [] : [h('p', {}, 'No model has been identified from this flight yet.')]))
 }
 
-/** What makes a link to a flight. path: of the flight in the interface. */
+/** What makes a link to a flight. path: of the flight in the interface. @param {string} path */
 export function sharing(path) {
   const days = h('input', { type: 'number', min: 1, max: 366, value: 30, required: true })
   const says = h('div', { role: 'status' })

@@ -16,6 +16,13 @@ const STILL_DB = -200  // what rounding leaves of a signal that stands still
  * groups: the names of each plot. found: series by name. used, modes: parts that were identified, shaded, and
  * of the autopilot's modes, which begin at dotted lines.
  * moved: called with the range of a plot that was zoomed in.
+ * @param {string[][]} groups
+ * @param {Record<string, Series>} found
+ * @param {{ start: number, end: number }} range
+ * @param {FlightSummary} summary
+ * @param {(range: BokehRange) => void} moved
+ * @param {AbortSignal} signal
+ * @returns {Promise<TimedPlot[]>}
  */
 export async function overTime(groups, found, range, { used, modes }, moved, signal) {
   const Bokeh = await bokeh()
@@ -25,7 +32,7 @@ export async function overTime(groups, found, range, { used, modes }, moved, sig
     const units = [...new Set(group.map(name => shownUnit(found[name].unit)[0]))]
     const figure = await plot({ x: 'time, s', y: units[0], xRange: own, height: group.length > 1 ? 300 : 200,
       select: true })
-    /** @type {Record<string, { name: string, range: any } | null>} by unit; null is the plot's own axis */
+    /** @type {Record<string, FurtherAxis | null>} by unit; null is the plot's own axis */
     const axes = { [units[0]]: null }
     for (const unit of units.slice(1)) axes[unit] = await furtherAxis(figure, unit)
     for (const { start, end } of used) {
@@ -36,7 +43,9 @@ export async function overTime(groups, found, range, { used, modes }, moved, sig
       figure.add_layout(new Bokeh.Span({ location: start, dimension: 'height', line_color: '#6a1b9a',
         line_dash: 'dotted', line_width: 2 }))
     }
+    /** @type {Record<string, BokehSource>} */
     const kept = {}
+    /** @type {BokehObject[]} */
     const ofFirst = []
     for (const [index, name] of group.entries()) {
       const [unit, factor] = shownUnit(found[name].unit)
@@ -50,6 +59,7 @@ export async function overTime(groups, found, range, { used, modes }, moved, sig
     // Each axis goes by its own lines alone.
     figure.y_range.renderers = ofFirst
     if (group.length > 1) legendAbove(figure)
+    /** @param {Record<string, Series>} series */
     const words = series => group.map(name => caption(name, series[name])).join('. ')
     const element = await shown(figure, words(found), signal)
     element.prepend(h('h3', {},
@@ -58,6 +68,7 @@ export async function overTime(groups, found, range, { used, modes }, moved, sig
     own.change.connect(() => moved(own))
     const lines = () => group.map(name =>
       ({ name, unit: shownUnit(found[name].unit)[0], time: kept[name].data.x, value: kept[name].data.y }))
+    /** @param {Record<string, Series>} series */
     const take = series => {
       for (const name of group) kept[name].data = columns(series[name], shownUnit(found[name].unit)[1])
       element.say(words(series))
@@ -67,7 +78,13 @@ export async function overTime(groups, found, range, { used, modes }, moved, sig
   return made
 }
 
-/** The others against the first of them, at its moments. */
+/**
+ * The others against the first of them, at its moments.
+ * @param {string[]} names
+ * @param {Record<string, Series>} found
+ * @param {AbortSignal} signal
+ * @returns {Promise<SignalPlot[]>}
+ */
 export async function againstEachOther(names, found, signal) {
   const [first, ...others] = names
   const [acrossUnit, across] = shownUnit(found[first]?.unit)
@@ -78,8 +95,10 @@ export async function againstEachOther(names, found, signal) {
     const figure = await plot({ x: named(first, acrossUnit), y: named(name, unit), height: 360 })
     const data = await source(gaps({
       x: found[first].value.map(v => v === null ? null : v * across),
-      y: found[first].time.map(at =>
-        time.length && value[nearest(time, at)] !== null ? value[nearest(time, at)] * factor : null),
+      y: found[first].time.map(at => {
+        const near = time.length ? value[nearest(time, at)] : null
+        return near === null ? null : near * factor
+      }),
     }))
     figure.scatter({ field: 'x' }, { field: 'y' },
       { source: data, size: 3, line_color: null, fill_color: '#0b4fc4', fill_alpha: 0.5 })
@@ -92,7 +111,13 @@ export async function againstEachOther(names, found, signal) {
     h('p', {}, 'Choose a second signal: it is drawn against the first one.')), names: [first] }]
 }
 
-/** Power spectral densities over frequency, both axes logarithmic. */
+/**
+ * Power spectral densities over frequency, both axes logarithmic.
+ * @param {string[]} names
+ * @param {Record<string, Spectrum>} found
+ * @param {AbortSignal} signal
+ * @returns {Promise<SignalPlot[]>}
+ */
 export async function spectra(names, found, signal) {
   const made = []
   for (const name of names) {
@@ -111,7 +136,13 @@ export async function spectra(names, found, signal) {
   return made
 }
 
-/** Power spectral densities over time: frequency upwards, the density as colour, with its scale beside it. */
+/**
+ * Power spectral densities over time: frequency upwards, the density as colour, with its scale beside it.
+ * @param {string[]} names
+ * @param {Record<string, Spectrogram>} found
+ * @param {AbortSignal} signal
+ * @returns {Promise<SignalPlot[]>}
+ */
 export async function spectrograms(names, found, signal) {
   const Bokeh = await bokeh()
   const made = []
@@ -129,8 +160,8 @@ export async function spectrograms(names, found, signal) {
       continue
     }
     const [step, width] = [frequency[1] - frequency[0], time.length > 1 ? time[1] - time[0] : 1]
-    const [left, right] = [time[0] - width / 2, time.at(-1) + width / 2]
-    const [low, high] = [Math.max(frequency[0] - step / 2, 0), frequency.at(-1) + step / 2]
+    const [left, right] = [time[0] - width / 2, time[time.length - 1] + width / 2]
+    const [low, high] = [Math.max(frequency[0] - step / 2, 0), frequency[frequency.length - 1] + step / 2]
     const mapper = new Bokeh.LinearColorMapper({ palette: Bokeh.Palettes.Viridis256,
       low: Math.max(levels.reduce((a, b) => Math.min(a, b), Infinity), most - DEEPEST_DB), high: most,
       nan_color: '#fff' })
@@ -143,7 +174,8 @@ export async function spectrograms(names, found, signal) {
       { value: high - low }, { source: data })
     figure.add_layout(new Bokeh.ColorBar({ color_mapper: mapper, title: 'dB', width: 14, padding: 4,
       major_label_text_font_size: '13px', major_label_text_color: '#000', title_text_color: '#000' }), 'right')
-    const peaks = value.map((row, at) => [row.reduce((a, b) => Math.max(a, b ?? -Infinity), -Infinity), frequency[at]])
+    const peaks = value.map((row, at) =>
+      [row.reduce((/** @type {number} */ a, b) => Math.max(a, b ?? -Infinity), -Infinity), frequency[at]])
     const strongest = peaks.reduce((a, b) => b[0] > a[0] ? b : a)
     const element = await shown(figure,
       `Power spectral density of ${signalName(name)} over time; strongest at ${number(strongest[1])} Hz with `
@@ -154,10 +186,12 @@ export async function spectrograms(names, found, signal) {
   return made
 }
 
+/** @param {string} name @param {string} unit */
 const named = (name, unit) => `${signalName(name)}${unit ? `, ${unit}` : ''}`
 
-/** The names by unit. */
+/** The names by unit. @param {string[]} names @param {Record<string, Series>} found @returns {string[][]} */
 export function byUnit(names, found) {
+  /** @type {Map<string, string[]>} */
   const groups = new Map()
   for (const name of names) {
     const unit = found[name].unit
@@ -166,9 +200,10 @@ export function byUnit(names, found) {
   return [...groups.values()]
 }
 
+/** @param {Series} series @param {number} factor */
 const columns = (series, factor) => gaps({ x: series.time, y: series.value.map(v => v === null ? null : v * factor) })
 
-/** What a signal does in the stretch, in words. */
+/** What a signal does in the stretch, in words. @param {string} name @param {Series} series */
 export function caption(name, series) {
   const [unit, factor] = shownUnit(series.unit)
   const values = series.value.filter(value => value !== null).map(value => value * factor)

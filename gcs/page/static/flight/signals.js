@@ -9,12 +9,20 @@ import { keepQuery } from '../shared/router.js'
 
 const USUAL = ['airspeed', 'alpha', 'beta', 'q', 'de']
 const SEVERITIES = ['emergency', 'alert', 'critical', 'error', 'warning', 'notice', 'info', 'debug']
+/** @type {Choice[]} */
 const WAYS = [['', 'each in a plot of its own'], ['together', 'those of one unit together'],
   ['xy', 'against the first one'], ['spectrum', 'as spectra'], ['spectrogram', 'as spectra over time']]
 /** In the address: between plots, and between the signals of one plot. */
 const [NEXT_PLOT, SAME_PLOT] = [',', '~']
 
-/** The section of signals of a flight. begun: called with a job that was started for the stretch that is shown. */
+/**
+ * The section of signals of a flight. begun: called with a job that was started for the stretch that is shown.
+ * @param {HTMLElement} page
+ * @param {FlightSummary} summary
+ * @param {URLSearchParams} query
+ * @param {AbortSignal} signal
+ * @param {TakeJob} begun
+ */
 export async function signals(page, summary, query, signal, begun) {
   page.append(h('h2', {}, 'Signals'))
   if (!summary.signals.length) {
@@ -25,13 +33,15 @@ export async function signals(page, summary, query, signal, begun) {
   }
   const fields = new Set(Object.entries(summary.fields).flatMap(([message, names]) =>
     names.map(name => `${message}.${name}`)))
+  /** @param {string} name */
   const known = name => summary.signals.includes(name) || fields.has(name)
   /** The signals of each plot. */
   let groups = query.has('signals')
-    ? query.get('signals').split(NEXT_PLOT).map(text => text.split(SAME_PLOT).filter(known))
+    ? (query.get('signals') ?? '').split(NEXT_PLOT).map(text => text.split(SAME_PLOT).filter(known))
     : USUAL.filter(known).map(name => [name])
   groups = groups.filter(group => group.length)
   if (!groups.length) groups = [[summary.signals[0]]]
+  /** @param {string[][]} changed @returns {Promise<void>} */
   const regroup = changed => {
     groups = changed.filter(group => group.length)
     query.set('signals', groups.map(group => group.join(SAME_PLOT)).join(NEXT_PLOT))
@@ -42,6 +52,7 @@ export async function signals(page, summary, query, signal, begun) {
   const again = () => drawing.draw(groups).catch(error => {
     if (!signal.aborted) announce(error.message, true)
   })
+  /** @param {string} name */
   const box = name => h('label', { class: 'choice' }, h('input', {
     type: 'checkbox', checked: groups.flat().includes(name), change: event => regroup(event.target.checked
       ? [...groups, [name]] : groups.map(group => group.filter(one => one !== name))),
@@ -62,11 +73,17 @@ export async function signals(page, summary, query, signal, begun) {
   await again()
 }
 
-/** Any number of any message as it was sent: a message is chosen first. */
+/**
+ * Any number of any message as it was sent: a message is chosen first.
+ * @param {Record<string, string[]>} messages
+ * @param {string[]} chosen
+ * @param {(name: string) => HTMLElement} box
+ */
 function anyField(messages, chosen, box) {
   const names = Object.keys(messages)
   if (!names.length) return ''
   const list = h('fieldset', { class: 'choices' })
+  /** @param {string} message */
   const show = message => list.replaceChildren(h('legend', {}, `Fields of ${message}, as they were sent`),
     ...messages[message].map(name => box(`${message}.${name}`)))
   const first = chosen.map(name => name.split('.')[0]).find(name => name in messages) ?? names[0]
@@ -74,7 +91,11 @@ function anyField(messages, chosen, box) {
   return h('div', {}, field('Any field of a message', select(names.map(name => [name, name]), first, show)), list)
 }
 
-/** Modes of the autopilot and what the vehicle said; each leads the cursor there. */
+/**
+ * Modes of the autopilot and what the vehicle said; each leads the cursor there.
+ * @param {FlightSummary} summary
+ * @param {Drawing} drawing
+ */
 function events({ modes, texts }, drawing) {
   const rows = [
     ...modes.map(one => ({ time: one.start, what: `${one.mode}${one.armed ? '' : ', disarmed'}`, kind: 'mode' })),

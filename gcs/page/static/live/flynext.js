@@ -6,28 +6,34 @@ import { language, say } from '../shared/language.js'
 import { write } from './livetable.js'
 
 const SPEAK = 'speak-next'
+/** @type {Record<string, string>} */
 const SHAPES = { multisine: 'a multisine of 20 s', 3211: 'a 3-2-1-1', doublet: 'doublets', step: 'steps',
   pulse: 'a pulse' }
 // What each shape takes on one surface, s, with the rest behind it; the other manoeuvres as a whole.
+/** @type {Record<string, number>} */
 const LASTS_S = { multisine: 20, 3211: 6, doublet: 4, step: 4, pulse: 3 }
 const OTHERS_S = 20
 const LEAD_S = 3
 const BY_HAND = 'By hand: half a second one way, half a second the other, let go for three seconds; five times on each '
   + 'surface, by 2 to 4°.'
 // Surfaces as they are measured, and what each must move at least to show anything, rms.
+/** @type {Record<string, string>} */
 const MEASURED = { elevator: 'de', aileron: 'da', rudder: 'dr' }
 const LEAST_DEG = 1
 // So long what was flown stands there, then what to fly next.
 const VERDICT_MS = 15_000
 // Readings of a surface that moved, fewer than which say nothing.
 const FEWEST = 5
+/** @type {Record<string, string>} */
 const SURFACES = { elevator: 'elevator', aileron: 'ailerons', rudder: 'rudder', throttle: 'throttle' }
 
 /**
  * A manoeuvre as one says it: "elevator-3211,aileron-doublet" is "a 3-2-1-1 on the elevator, doublets on the ailerons".
+ * @param {string} manoeuvre
  */
 export function spoken(manoeuvre) {
   if (manoeuvre === 'roller-coaster') return 'a roller-coaster: pull up and push over, gently, a few times'
+  /** @type {Map<string, string[]>} */
   const parts = new Map()
   for (const piece of manoeuvre.split(',')) {
     const [, surface, shape] = /^(\w+)-(\w+)$/.exec(piece.trim()) ?? []
@@ -37,7 +43,7 @@ export function spoken(manoeuvre) {
   return [...parts].map(([shape, surfaces]) => `${SHAPES[shape]} on the ${listed(surfaces)}`).join(', ')
 }
 
-/** Seconds that a manoeuvre takes, and the surfaces that it moves. */
+/** Seconds that a manoeuvre takes, and the surfaces that it moves. @param {string} manoeuvre */
 export function course(manoeuvre) {
   const parts = manoeuvre.split(',').map(piece => /^(\w+)-(\w+)$/.exec(piece.trim()) ?? [])
   const known = parts.every(([, surface, shape]) => surface in SURFACES && shape in LASTS_S)
@@ -49,8 +55,10 @@ export function course(manoeuvre) {
   return { seconds, surfaces: parts.map(([, surface]) => surface).filter(surface => surface in MEASURED) }
 }
 
+/** @param {string[]} words */
 const listed = words => words.length < 2 ? words.join('') : `${words.slice(0, -1).join(', ')} and ${words.at(-1)}`
 
+/** @param {string} text */
 const upper = text => text.charAt(0).toUpperCase() + text.slice(1)
 
 /** The card. */
@@ -69,6 +77,7 @@ export class FlyNext {
     this.counts = h('button', { type: 'button', class: 'small', 'data-key': 'count',
       click: () => this.counting ? this.end() : this.begin() }, 'Count down')
     this.wanted = ''
+    this.displayed = ''
     this.counting = undefined
     this.element = h('section', { class: 'card next', hidden: true, 'aria-labelledby': 'next-heading' },
       h('div', { class: 'row' }, h('h2', { id: 'next-heading' }, 'Fly next'), this.counts, this.voice), this.what,
@@ -82,11 +91,15 @@ export class FlyNext {
     this.end()
   }
 
-  /** Take the coefficients of the live estimate, null where there are none. */
+  /**
+   * Take the coefficients of the live estimate, null where there are none.
+   * @param {Record<string, LiveCoefficient> | null} [coefficients]
+   */
   show(coefficients) {
     const entries = Object.entries(coefficients ?? {})
     this.element.hidden = !entries.length
     if (!entries.length) return
+    /** @type {Map<string, string[]>} */
     const wanted = new Map()
     for (const [name, entry] of entries) {
       if (!entry.known && entry.fly) wanted.set(entry.fly, [...(wanted.get(entry.fly) ?? []), name])
@@ -119,6 +132,7 @@ export class FlyNext {
     this.tick(start, seconds)
   }
 
+  /** @param {number} start @param {number} seconds */
   tick(start, seconds) {
     const passed = (performance.now() - start) / 1000
     this.flying = passed >= 0
@@ -132,7 +146,7 @@ export class FlyNext {
     }
   }
 
-  /** Show a line, and say it where that is wanted; seconds that are left are not said. */
+  /** Show a line, and say it where that is wanted; seconds that are left are not said. @param {string} text */
   display(text, aloud = !text.startsWith('Fly now')) {
     if (text !== this.displayed) {
       this.displayed = text
@@ -157,13 +171,13 @@ export class FlyNext {
     return figures.length ? `✓ Flown: ${figures.join(', ')}.` : '✓ Flown.'
   }
 
-  /** Take the newest signals: name -> value. */
+  /** Take the newest signals: name -> value. @param {Record<string, number | null>} signals */
   feel(signals) {
     if (!this.counting || !this.flying) return
     for (const [surface, angles] of Object.entries(this.moved)) {
       const angle = signals[MEASURED[surface]]
       // The newest value comes again and again, however old it is.
-      if (Number.isFinite(angle) && angle !== angles.at(-1)) angles.push(angle)
+      if (angle !== null && Number.isFinite(angle) && angle !== angles.at(-1)) angles.push(angle)
     }
   }
 
@@ -189,6 +203,7 @@ export class FlyNext {
     else speechSynthesis.cancel()
   }
 
+  /** @param {string} text */
   say(text) {
     if (!this.speaks || !text) return
     speechSynthesis.cancel()

@@ -18,11 +18,13 @@ const PER_DEGREE = 2
 const ROLL_MARKS = [-60, -45, -30, -20, -10, 0, 10, 20, 30, 45, 60]
 
 class Tile {
+  /** @param {[string[], string, string, number, number]} entry */
   constructor([names, title, unit, factor, decimals]) {
     this.names = names
     this.factor = factor
     this.decimals = decimals
     // From 0 to 359, as a compass has it.
+    /** @type {(value: number) => number} */
     this.shown = title === HEADING ? value => (Math.round(value) + 360) % 360 : value => value
     this.figure = h('span', {}, NONE)
     this.words = h('span', { class: 'unseen' })
@@ -31,10 +33,14 @@ class Tile {
       h('dd', {}, this.figure, ' ', this.words))
   }
 
-  /** known(name): its value, NaN where it is missing, undefined where it never came. */
+  /**
+   * known(name): its value, NaN where it is missing, undefined where it never came.
+   * @param {(name: string) => number | undefined} known
+   * @param {boolean} stale
+   */
   show(known, stale) {
     // The first that ever came: another quantity does not take the place of one that is missing.
-    const value = this.names.map(known).find(one => one !== undefined)
+    const value = this.names.map(known).find(one => one !== undefined) ?? NaN
     const there = Number.isFinite(value)
     write(this.figure, there ? this.shown(value * this.factor).toFixed(this.decimals).replace(/^-(?=[0.]*$)/, '')
       .replace('-', '−') : NONE)
@@ -63,6 +69,7 @@ export class Instruments {
       h('dl', { class: 'tiles' }, this.tiles.map(tile => tile.element)))
     this.elements = [h('h2', { class: 'unseen' }, 'Instruments'), this.element]
     this.old = true
+    this.shown = 0
     /** @type {Map<string, { value: number, at: number }>} */
     this.known = new Map()
     this.clear()
@@ -74,7 +81,7 @@ export class Instruments {
     this.draw(0)
   }
 
-  /** Mark all figures as old ones, while nothing new comes, or as new ones. */
+  /** Mark all figures as old ones, while nothing new comes, or as new ones. @param {boolean} is */
   stale(is) {
     if (is === this.old) return
     this.old = is
@@ -94,8 +101,10 @@ export class Instruments {
     this.draw(now)
   }
 
+  /** @param {number} now */
   draw(now) {
     this.shown = now
+    /** @param {string} name */
     const known = name => {
       const found = this.known.get(name)
       return found && now - found.at > MISSING_MS ? NaN : found?.value
@@ -105,6 +114,7 @@ export class Instruments {
     this.horizon(known('phi') ?? NaN, known('theta') ?? NaN)
   }
 
+  /** @param {number} phi @param {number} theta */
   horizon(phi, theta) {
     const there = Number.isFinite(phi) && Number.isFinite(theta)
     this.picture.classList.toggle('crossed', this.old || !there)

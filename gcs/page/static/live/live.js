@@ -22,6 +22,9 @@ const SILENT_MS = 3000
 // A value older than this by the snapshot is no longer sent in events.
 const FRESH_S = 2
 
+/** @typedef {LiveState & { time_s: number | null, heard?: boolean }} LiveData */
+
+/** @type {Record<string, [string, (data: LiveData) => string]>} */
 const STATES = {
   live: ['good', data => `Live${data.vehicle ? `: ${data.vehicle}` : ''}`],
   late: ['bad',
@@ -47,24 +50,32 @@ const OUTCOME_MS = 2000, OUTCOME_FOR_MS = 900_000
 const VERDICTS = { good: 'The flight is good for identification.', care: 'The flight is usable with care.',
   poor: 'The flight is too poor for a model.' }
 
-/** Whether a flight began on the ground, flew, and was near it at the end. */
+/** Whether a flight began on the ground, flew, and was near it at the end. @param {Outline | null} outline */
 function cameDown(outline) {
-  const heights = ['height', 'altitude'].includes(outline?.name) ? outline.values.filter(Number.isFinite) : []
+  const values = outline && ['height', 'altitude'].includes(outline.name) ? outline.values : []
+  const heights = values.filter(value => value !== null)
   const ground = Math.min(...heights)
-  return heights.length > 2 && heights[0] - ground < ON_GROUND_M && heights.at(-1) - ground < ON_GROUND_M
+  return heights.length > 2 && heights[0] - ground < ON_GROUND_M && heights[heights.length - 1] - ground < ON_GROUND_M
     && Math.max(...heights) - ground > 2 * ON_GROUND_M
 }
 
-/** What came of a flight's identification, in words. */
+/** What came of a flight's identification, in words. @param {Outcome | null} outcome */
 function outcomeWords(outcome) {
   if (!outcome) return ''
   if (outcome.verdict) return VERDICTS[outcome.verdict] ?? ''
-  return ['queued', 'running'].includes(outcome.state) ? 'Its identification is running.' : outcome.text ?? ''
+  return ['queued', 'running'].includes(outcome.state ?? '') ? 'Its identification is running.' : outcome.text ?? ''
 }
 
-/** The live view; it never ends by itself. */
+/**
+ * The live view; it never ends by itself.
+ * @param {HTMLElement} page
+ * @param {string[]} parts
+ * @param {URLSearchParams} query
+ * @param {AbortSignal} signal
+ */
 export async function live(page, parts, query, signal) {
   const view = new LiveView(query, signal)
+  /** @type {Live | null} */
   let newest
   try {
     newest = await get('/api/live', signal)
@@ -82,6 +93,7 @@ export async function live(page, parts, query, signal) {
 }
 
 class LiveView {
+  /** @param {URLSearchParams} query @param {AbortSignal} signal */
   constructor(query, signal) {
     this.signal = signal
     // Only a change of state is announced; the running time beside it is not.
@@ -103,12 +115,16 @@ class LiveView {
     this.plots = new LivePlots(query, signal)
     this.identification = new Identification(signal)
     this.links = new Links()
+    /** @type {LiveData} */
     this.data = { state: 'waiting', time_s: null }
+    /** @type {string | null} */
+    this.flight = null
+    this.followed = ''
     this.stateEvents = 0
     this.heard = Date.now()
   }
 
-  /** Take an object of GET /api/live. */
+  /** Take an object of GET /api/live. @param {Live} newest */
   take(newest) {
     this.data.time_s = newest.time_s
     this.state({ state: newest.state, flight: newest.flight, vehicle: newest.vehicle, landed: newest.landed,
@@ -117,6 +133,7 @@ class LiveView {
     const entries = Object.entries(newest.signals)
     // Of a vehicle that is silent all is old: how old then counts from what came last.
     const last = newest.state === 'live' ? 0 : Math.min(...entries.map(([, entry]) => entry.age_s))
+    /** @param {string} name */
     const age = name => newest.signals[name].age_s - last
     this.instruments.show(Object.fromEntries(entries.map(([name, entry]) => [name, entry.value])), age)
     const fresh = entries.filter(([name]) => age(name) < FRESH_S).map(([name, entry]) => [name, entry.value])
@@ -126,6 +143,7 @@ class LiveView {
     this.estimate(newest.identification, newest.why)
   }
 
+  /** @param {LiveState} change */
   state(change) {
     if (change.flight && change.flight !== this.flight) {
       this.flight = change.flight
@@ -138,7 +156,11 @@ class LiveView {
     this.look()
   }
 
-  /** The state's name: what is late hides that the flight is over, and that hides silence. */
+  /**
+   * The state's name: what is late hides that the flight is over, and that hides silence.
+   * @param {boolean} late
+   * @param {string | false | null} [silent]
+   */
   named(late, silent) {
     if (late) return 'late'
     if (this.data.landed) return 'landed'
@@ -169,7 +191,7 @@ class LiveView {
     this.banner.title = this.data.flight ? `flight ${this.data.flight}` : ''
   }
 
-  /** Ask what came of a flight that is over, until it is known. */
+  /** Ask what came of a flight that is over, until it is known. @param {string} flight */
   async follow(flight) {
     if (this.followed === flight) return
     this.followed = flight
@@ -177,13 +199,14 @@ class LiveView {
     const until = Date.now() + OUTCOME_FOR_MS
     for (let known = false; !known && this.followed === flight && !this.signal.aborted;) {
       try {
+        /** @type {FlightSummary} */
         const { outcome, outline } = await get(`/api/flights/${encodeURIComponent(flight)}`, this.signal)
         if (this.followed !== flight) return
         if (cameDown(outline)) this.down = flight
         this.look()
         write(this.outcome, outcomeWords(outcome))
         known = Boolean(outcome?.verdict) || Date.now() > until
-          || ['done', 'failed', 'skipped', 'cancelled'].includes(outcome?.state)
+          || ['done', 'failed', 'skipped', 'cancelled'].includes(outcome?.state ?? '')
       } catch (error) {
         if (this.signal.aborted) return
       }
@@ -191,18 +214,21 @@ class LiveView {
     }
   }
 
+  /** @param {string} kind @param {string} text */
   showState(kind, text, time = '') {
     this.banner.className = `remark ${kind} banner`
     write(this.words, text)
     write(this.clock, time, 'clock')
   }
 
+  /** @param {string} reason */
   disconnected(reason) {
     this.broken = true
     this.instruments.stale(true)
     this.showState('bad', `The connection to the ground station is lost: ${reason}. It is tried again automatically.`)
   }
 
+  /** @param {SignalsEvent} event */
   signals(event) {
     this.data.time_s = event.time_s
     this.notes.time = event.time_s
@@ -213,7 +239,7 @@ class LiveView {
     else this.askUnits()
   }
 
-  /** The vehicle's own state: mode, battery, place, texts. */
+  /** The vehicle's own state: mode, battery, place, texts. @param {VehicleStatus} status */
   vehicle(status) {
     this.status.take({ status })
     this.track.show(status)
@@ -233,6 +259,7 @@ class LiveView {
     }
   }
 
+  /** @param {LiveEstimate | null} found @param {string | null} [why] */
   estimate(found, why) {
     // What the vehicle sends on the ground after it has landed leaves standing what was learnt of its flight.
     if (this.data.landed && this.learnt) return
@@ -271,6 +298,7 @@ class LiveView {
   async connected() {
     const before = this.stateEvents
     try {
+      /** @type {[Live, Minute]} */
       const [newest, minute] = await Promise.all([get('/api/live', this.signal), get('/api/live/minute', this.signal)])
       // An event that came while this answer was under way is newer than the answer.
       if (this.stateEvents !== before)
@@ -287,6 +315,7 @@ class LiveView {
 
   async showLinks() {
     try {
+      /** @type {[Link[], Health]} */
       const [links, health] = await Promise.all([get('/api/links', this.signal), get('/api/health', this.signal)])
       this.links.show(links)
       this.data.heard = links.some(link => link.frames_per_s > 0)

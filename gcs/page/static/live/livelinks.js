@@ -16,7 +16,7 @@ export class Links {
     this.elements = [h('h2', {}, 'Links'), this.table.element, this.notes]
   }
 
-  /** Take links as GET /api/links gives them. */
+  /** Take links as GET /api/links gives them. @param {Link[]} found */
   show(found) {
     this.table.element.classList.remove('old')
     this.table.show(found.map(row))
@@ -26,13 +26,17 @@ export class Links {
         h('p', {}, h('code', {}, 'gcs serve --connect udpin:0.0.0.0:14550 --vehicle mine.toml')))])
   }
 
-  /** The links could not be asked for: what was known of them stays, but not as if it were new. */
+  /**
+   * The links could not be asked for: what was known of them stays, but not as if it were new.
+   * @param {string} reason
+   */
   fail(reason) {
     this.table.element.classList.add('old')
     const text = this.table.element.hidden ? reason : `${reason}. The figures of the links are old.`
     this.note(text, () => [trouble(text)])
   }
 
+  /** @param {string} text @param {() => HTMLElement[]} nodes */
   note(text, nodes) {
     if (text === this.noted) return
     this.noted = text
@@ -40,11 +44,14 @@ export class Links {
   }
 }
 
+/** @param {string} text */
 const trouble = text => remark('bad', h('p', {}, text))
 
+/** @param {Link} link @returns {LiveRow} */
 function row(link) {
   const components = link.systems.flatMap(system => system.components)
-  const [lost, received] = ['lost', 'received'].map(key => components.reduce((sum, one) => sum + one[key], 0))
+  const [lost, received] = /** @type {const} */ (['lost', 'received']).map(key =>
+    components.reduce((sum, one) => sum + one[key], 0))
   const state = !link.connected ? 'not connected' : link.frames_per_s > 0 ? 'receiving' : 'silent'
   return [
     link.url, [state, `state ${state.split(' ')[0]}`], number(link.frames_per_s), number(link.bytes_per_s / 1000),

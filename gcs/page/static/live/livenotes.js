@@ -11,10 +11,14 @@ const SHOWN = 6
 
 /** Buttons, a field and the newest texts. */
 export class Notes {
+  /** @param {AbortSignal} signal */
   constructor(signal) {
     this.signal = signal
+    /** @type {number | null} */
     this.time = null
+    /** @type {LiveText[]} */
     this.own = []
+    /** @type {LiveText[]} */
     this.heard = []
     const text = h('input', { type: 'text', maxlength: 200, autocomplete: 'off', 'aria-label': 'Note',
       'data-key': 'note', placeholder: 'What do you see?' })
@@ -36,16 +40,17 @@ export class Notes {
     this.draw()
   }
 
-  /** Take the texts of the vehicle; time: of the flight, s. */
+  /** Take the texts of the vehicle; time: of the flight, s. @param {LiveText[]} texts */
   show(texts) {
     if (JSON.stringify(texts) === JSON.stringify(this.heard)) return
     const news = texts.filter(one =>
-      one.severity <= BAD && !this.heard.some(old => old.text === one.text && old.time_s === one.time_s))
+      (one.severity ?? Infinity) <= BAD && !this.heard.some(old => old.text === one.text && old.time_s === one.time_s))
     this.heard = texts
     if (news.length) announce(news.map(one => one.text).join('. '), true)
     this.draw()
   }
 
+  /** @param {string} text @param {() => void} [done] */
   async note(text, done) {
     const time = this.time
     try {
@@ -62,7 +67,7 @@ export class Notes {
     const every = [...this.heard, ...this.own].sort((a, b) => (b.time_s ?? 0) - (a.time_s ?? 0)).slice(0, SHOWN)
     this.list.replaceChildren(...every.map(one => h('li', {},
       h('span', { class: 'clock' }, one.time_s === null ? '' : duration(one.time_s)), ' ',
-      h('span', { class: 'tag' }, one.note ? 'note' : SEVERITIES[one.severity] ?? 'text'), ' ',
+      h('span', { class: 'tag' }, one.note ? 'note' : SEVERITIES[one.severity ?? NaN] ?? 'text'), ' ',
       h('span', { translate: 'no' }, one.text))))
   }
 }

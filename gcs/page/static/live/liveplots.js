@@ -16,15 +16,21 @@ const LEAST_REST_MS = 200
 const MOST_REST_MS = 1500
 const USUAL = [['de', 'da', 'dr'], ['p', 'q', 'r'], ['alpha', 'beta'], ['airspeed'], ['phi', 'theta']]
 
+/** @typedef {{ range: BokehRange, sources: [string, BokehSource][], element: PlotElement }} LivePanel */
+
 /** Plots of surfaces, rates, flow angles, airspeed and attitude, and of the signals that the user chooses. */
 export class LivePlots {
+  /** @param {URLSearchParams} query @param {AbortSignal} signal */
   constructor(query, signal) {
     this.query = query
     this.signal = signal
+    /** @type {Map<string, { x: number[], y: number[] }>} */
     this.kept = new Map()
     /** @type {Record<string, string>} */
     this.unitOf = {}
+    /** @type {LivePanel[]} */
     this.panels = []
+    this.built = ''
     this.newest = 0
     this.dirty = false
     this.restsUntil = 0
@@ -38,32 +44,35 @@ export class LivePlots {
     signal.addEventListener('abort', () => clearInterval(timer))
   }
 
-  /** Units by signal, as GET /api/live gives them. */
+  /** Units by signal, as GET /api/live gives them. @param {Record<string, LiveSignal>} signals */
   units(signals) {
     for (const [name, entry] of Object.entries(signals)) this.unitOf[name] = entry.unit
   }
 
-  /** Whether the units of all these signals are known. */
+  /** Whether the units of all these signals are known. @param {Record<string, number | null>} signals */
   knows(signals) {
     return Object.keys(signals).every(name => name in this.unitOf)
   }
 
-  /** Take an event of signals: the newest value of each, and all samples since the event before where they come. */
+  /**
+   * Take an event of signals: the newest value of each, and all samples since the event before where they come.
+   * @param {SignalsEvent} event
+   */
   add({ time_s: time, signals, samples = {} }) {
     if (time === null) return
     if (time < this.newest) this.clear()
     this.newest = time
     let fresh = false
     for (const [name, value] of Object.entries(signals)) {
+      const { x, y } = this.kept.get(name) ?? { x: [], y: [] }
       if (!this.kept.has(name)) {
         fresh = true
-        this.kept.set(name, { x: [], y: [] })
+        this.kept.set(name, { x, y })
       }
-      const { x, y } = this.kept.get(name)
       const factor = this.shownUnit(name)[1]
       const [times, values] = samples[name] ?? [[time], [value]]
       for (const [index, at] of times.entries()) {
-        if (at <= x.at(-1)) continue
+        if (at <= (x.at(-1) ?? -Infinity)) continue
         x.push(at)
         y.push(values[index] === null ? NaN : values[index] * factor)
       }
@@ -77,21 +86,25 @@ export class LivePlots {
     this.dirty = true
   }
 
-  /** Take GET /api/live/minute: what was before the page was opened, or while its connection was lost. */
+  /**
+   * Take GET /api/live/minute: what was before the page was opened, or while its connection was lost.
+   * @param {Minute} minute
+   */
   fill({ time_s: times, signals }) {
-    if (!times.length || times.at(-1) < this.newest - WINDOW_S) return
+    const end = times.at(-1)
+    if (end === undefined || end < this.newest - WINDOW_S) return
     for (const [name, values] of Object.entries(signals)) {
       if (!(name in this.unitOf)) continue
       const factor = this.shownUnit(name)[1]
       const later = this.kept.get(name) ?? { x: [], y: [] }
-      const from = later.x.findIndex(at => at > times.at(-1))
+      const from = later.x.findIndex(at => at > end)
       const tail = from < 0 ? later.x.length : from
       this.kept.set(name, {
         x: [...times, ...later.x.slice(tail)],
         y: [...values.map(value => value === null ? NaN : value * factor), ...later.y.slice(tail)],
       })
     }
-    this.newest = Math.max(this.newest, times.at(-1))
+    this.newest = Math.max(this.newest, end)
     this.build()
     this.dirty = true
   }
@@ -101,6 +114,7 @@ export class LivePlots {
     this.newest = 0
   }
 
+  /** @param {string} name */
   shownUnit(name) {
     return shownUnit(this.unitOf[name])
   }
@@ -117,9 +131,11 @@ export class LivePlots {
     this.make(groups)
   }
 
+  /** @param {string[][]} groups */
   async make(groups) {
     const built = this.built
     const Bokeh = await bokeh()
+    /** @type {LivePanel[]} */
     const made = []
     for (const names of groups) {
       const range = new Bokeh.Range1d({ start: 0, end: WINDOW_S })
@@ -127,6 +143,7 @@ export class LivePlots {
       const title = names.map(signalName).join(' and ')
       const figure = await plot({ x: 'time, s',
         y: names.length > 1 ? unit : `${signalName(names[0])}${unit ? `, ${unit}` : ''}`, xRange: range, height: 200 })
+      /** @type {LivePanel['sources']} */
       const sources = []
       for (const [index, name] of names.entries()) {
         sources.push([name, await source({ x: [], y: [] })])
@@ -166,7 +183,7 @@ export class LivePlots {
       if (!this.sight.has(element)) continue
       range.setv({ start: Math.max(0, this.newest - WINDOW_S), end: Math.max(this.newest, WINDOW_S) })
       for (const [name, data] of sources) {
-        const { x, y } = this.kept.get(name)
+        const { x, y } = this.kept.get(name) ?? { x: [], y: [] }
         data.data = { x: x.slice(), y: y.slice() }
       }
     }
@@ -182,6 +199,6 @@ export class LivePlots {
           keepQuery(this.query)
           this.build()
         } }), signalName(name)))
-    this.choices.replaceChildren(this.choices.firstChild, ...boxes)
+    this.choices.replaceChildren(/** @type {Node} */ (this.choices.firstChild), ...boxes)
   }
 }

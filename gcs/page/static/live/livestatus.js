@@ -14,7 +14,7 @@ const MUCH_LOST = 0.02
 // What the vehicle itself says: old where nothing comes from it any more.
 const OF_VEHICLE = new Set(['Mode', 'Motor', 'Battery', 'GPS'])
 
-/** By name of the chip, what stands in it. @type {[string, (known: any) => Shown | null][]} */
+/** By name of the chip, what stands in it. @type {[string, (known: LiveKnown) => Shown | null][]} */
 const CHIPS = [
   ['Mode', ({ status }) => status.mode ? { kind: '', text: status.mode } : null],
   ['Motor', ({ status }) => status.mode === undefined ? null
@@ -26,6 +26,7 @@ const CHIPS = [
   ['Recording', ({ flight, health }) => health ? recording(flight, health) : null],
 ]
 
+/** @param {Battery} battery */
 function battery({ voltage_v: volt, current_a: ampere, remaining }) {
   const parts = [volt === undefined ? '' : `${volt.toFixed(1)} V`, ampere === undefined ? '' : `${ampere.toFixed(1)} A`,
     remaining === undefined ? '' : percent(remaining)]
@@ -33,20 +34,24 @@ function battery({ voltage_v: volt, current_a: ampere, remaining }) {
   return { kind: low ? 'alarm' : '', text: `${parts.filter(Boolean).join(', ')}${low ? ', low' : ''}` }
 }
 
+/** @param {Gps} gps */
 function gps({ fix, good, satellites }) {
   const seen = satellites === null || satellites === undefined ? '' : `, ${satellites} sat.`
   return { kind: good ? '' : 'alarm', text: `${fix}${seen}` }
 }
 
+/** @param {Link[]} links */
 function radio(links) {
   const components = links.flatMap(link => link.systems.flatMap(system => system.components))
-  const [lost, received] = ['lost', 'received'].map(key => components.reduce((sum, one) => sum + one[key], 0))
+  const [lost, received] = /** @type {const} */ (['lost', 'received']).map(key =>
+    components.reduce((sum, one) => sum + one[key], 0))
   const rate = links.reduce((sum, link) => sum + link.frames_per_s, 0)
   if (!received) return { kind: 'warn', text: 'nothing heard' }
   const share = lost / (lost + received)
   return { kind: share > MUCH_LOST ? 'alarm' : '', text: `${Math.round(rate)}/s, ${percent(share)} lost` }
 }
 
+/** @param {string | null | undefined} flight @param {Health} health */
 function recording(flight, { disk_free_bytes: free, problem }) {
   const space = `${size(free)} free`
   if (problem) return { kind: 'alarm', text: 'trouble, see below' }
@@ -57,6 +62,7 @@ function recording(flight, { disk_free_bytes: free, problem }) {
 /** The chips. */
 export class Status {
   constructor() {
+    /** @type {LiveKnown} */
     this.known = { status: {}, links: null, health: null, flight: null, old: false }
     this.chips = CHIPS.map(([title, shown]) => {
       const text = h('dd', {}, NONE)
@@ -69,6 +75,7 @@ export class Status {
   /**
    * Take what is new: `status` of the vehicle, whether that is `old`, `links`, `health` of the station, id of the
    * `flight` being recorded.
+   * @param {Partial<LiveKnown>} change
    */
   take(change) {
     Object.assign(this.known, change)

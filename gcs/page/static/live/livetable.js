@@ -9,11 +9,17 @@ export class LiveTable {
    * head: headings of the columns. short: those that stand before the cells where rows wrap, on a narrow screen; '' for
    * a
    * cell that needs none. named: makes the node of a row's name.
+   * @param {string} caption
+   * @param {string[]} head
+   * @param {string[]} short
+   * @param {(name: string) => Child} named
    */
   constructor(caption, head, short, named = name => h('code', {}, name)) {
     this.short = short
     this.named = named
+    /** @type {string | null} */
     this.names = null
+    /** @type {HTMLElement[][]} */
     this.cells = []
     const title = newId('caption')
     this.body = h('tbody', {})
@@ -23,7 +29,10 @@ export class LiveTable {
         h('thead', {}, h('tr', {}, head.map(text => h('th', { scope: 'col' }, text)))), this.body))
   }
 
-  /** Show rows: the name of each, and its cells, texts or pairs of a text and a class. Without rows nothing is seen. */
+  /**
+   * Show rows: the name of each, and its cells, texts or pairs of a text and a class. Without rows nothing is seen.
+   * @param {LiveRow[]} rows
+   */
   show(rows) {
     const names = JSON.stringify(rows.map(([name]) => name))
     if (names !== this.names) {
@@ -33,14 +42,21 @@ export class LiveTable {
         h('tr', {}, h('th', { scope: 'row' }, this.named(name)), this.cells[at])))
       this.element.hidden = !rows.length
     }
-    rows.forEach((row, at) => row.slice(1).forEach((cell, column) => write(this.cells[at][column], ...[cell].flat())))
+    rows.forEach((row, at) => row.slice(1).forEach((cell, column) => {
+      const [text, kind] = typeof cell === 'string' ? [cell] : cell
+      write(this.cells[at][column], text, kind)
+    }))
   }
 }
 
-/** What each element was made to say; in another language it says something else. */
+/** What each element was made to say; in another language it says something else. @type {WeakMap<Element, string>} */
 const said = new WeakMap()
 
-/** Make an element say a text; nothing is touched where it does already. */
+/**
+ * Make an element say a text; nothing is touched where it does already.
+ * @param {Element} element
+ * @param {string} text
+ */
 export function write(element, text, kind = '') {
   if ((said.get(element) ?? element.textContent) !== text) element.textContent = text
   said.set(element, text)

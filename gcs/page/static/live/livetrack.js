@@ -16,7 +16,16 @@ const STEPS = [20, 50, 100, 200, 500, 1000, 2000, 5000, 10000]
 
 /** The track. */
 export class Track {
+  /** @param {AbortSignal} signal */
   constructor(signal) {
+    /** @type {Point[]} */
+    this.places = []
+    /** @type {number | null} */
+    this.heading = null
+    /** @type {number | undefined} over ground, m/s */
+    this.speed = undefined
+    /** @type {Point | undefined} home, as latitude and longitude */
+    this.from = undefined
     this.map = new MapTiles()
     this.map.ask(signal).then(() => this.draw())
     this.credit = h('small', {})
@@ -47,14 +56,14 @@ export class Track {
     this.element.hidden = true
   }
 
-  /** Begin with where it has been, m north and east of home. */
+  /** Begin with where it has been, m north and east of home. @param {Point[]} track @param {Point} [home] */
   fill(track, home) {
     this.places = track.slice()
     this.from = home
     this.draw()
   }
 
-  /** Take the status of the vehicle. */
+  /** Take the status of the vehicle. @param {VehicleStatus} status */
   show(status) {
     if (status.wind) this.blow(status.wind)
     if (!status.position) return
@@ -71,7 +80,7 @@ export class Track {
     this.draw()
   }
 
-  /** Home is another place than before: what lies behind stays where it was over ground. */
+  /** Home is another place than before: what lies behind stays where it was over ground. @param {Point} [home] */
   move(home) {
     const before = this.from
     this.from = home ?? before
@@ -90,14 +99,16 @@ export class Track {
     const span = Math.max(high[0] - low[0], high[1] - low[1], LEAST_M)
     const scale = (SIZE - 2 * MARGIN) / span
     const middle = [0, 1].map(at => (low[at] + high[at]) / 2)
+    /** @param {Point} place @returns {Point} */
     const at = ([north, east]) => [SIZE / 2 + (east - middle[1]) * scale, SIZE / 2 - (north - middle[0]) * scale]
     this.map.draw(this.from, middle, SIZE / 2 / scale, scale, at)
     write(this.credit, this.map.map?.attribution ?? '')
+    /** @param {Point} place */
     const move = place => `translate(${at(place).map(one => one.toFixed(1)).join(' ')})`
     this.path.setAttribute('d',
       `M${this.places.map(one => at(one).map(value => value.toFixed(1)).join(' ')).join('L')}`)
     this.home.setAttribute('transform', move([0, 0]))
-    const here = this.places.at(-1)
+    const here = this.places[this.places.length - 1]
     this.craft.setAttribute('visibility', this.heading === null ? 'hidden' : 'visible')
     this.craft.setAttribute('transform', `${move(here)} rotate(${((this.heading ?? 0) * 180 / Math.PI).toFixed(0)})`)
     const step = STEPS.findLast(one => one * scale <= SIZE / 3) ?? STEPS[0]
@@ -106,16 +117,19 @@ export class Track {
     this.say(here)
   }
 
+  /** @param {Point} place */
   say([north, east]) {
     const away = Math.hypot(north, east)
     const bearing = Math.round((Math.atan2(-east, -north) * 180 / Math.PI + 360) % 360)
     const from = this.given ? 'home' : 'where it was heard first'
     const text = away < 5 ? `At ${from}.` : `${number(away, 2)} m from ${from}, which lies at ${bearing}°.`
-    write(this.over, Number.isFinite(this.speed) ? `${this.speed.toFixed(0)} m/s over ground.` : '')
+    const speed = this.speed ?? NaN
+    write(this.over, Number.isFinite(speed) ? `${speed.toFixed(0)} m/s over ground.` : '')
     write(this.words, text)
     this.picture.setAttribute('aria-label', `Track over ground. ${text}`)
   }
 
+  /** @param {Wind} wind */
   blow({ north, east }) {
     const speed = Math.hypot(north, east)
     this.wind.setAttribute('visibility', speed > 0.3 ? 'visible' : 'hidden')

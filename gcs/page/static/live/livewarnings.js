@@ -16,6 +16,7 @@ export class Warnings {
     this.heard = new Map()
     /** @type {HTMLElement[]} */
     this.lines = []
+    this.keys = ''
     this.clear()
   }
 
@@ -25,7 +26,7 @@ export class Warnings {
     this.show([], [])
   }
 
-  /** Take changes of the model and warnings, as sentences. */
+  /** Take changes of the model and warnings, as sentences. @param {string[]} changes @param {string[]} warnings */
   show(changes, warnings) {
     // A second change of a coefficient is another one, though only its figures differ.
     const found = [...changes.map(text => ({ kind: 'bad', text, key: text })),
@@ -40,6 +41,7 @@ export class Warnings {
     this.announceNew(found)
   }
 
+  /** @param {{ key: string, text: string }[]} found */
   announceNew(found) {
     const now = Date.now()
     const news = found.filter(({ key }) => !(now - (this.heard.get(key) ?? -Infinity) < FORGOTTEN_MS))

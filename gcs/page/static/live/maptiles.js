@@ -11,13 +11,21 @@ const FINER = 2
 const MOST_TILES = 48
 const MOST_KEPT = 300
 
-/** Column and row of a place in the tiles of a zoom, Web Mercator (EPSG:3857), as fractions. @param {number[]} place */
+/**
+ * Column and row of a place in the tiles of a zoom, Web Mercator (EPSG:3857), as fractions.
+ * @param {number[]} place
+ * @param {number} zoom
+ */
 export function tileOf([latitude, longitude], zoom) {
   const count = 2 ** zoom
   return [(longitude + 180) / 360 * count, (1 - Math.asinh(Math.tan(latitude * Math.PI / 180)) / Math.PI) / 2 * count]
 }
 
-/** Latitude and longitude of a corner between tiles. @param {number[]} corner @returns {[number, number]} */
+/**
+ * Latitude and longitude of a corner between tiles.
+ * @param {number[]} corner @returns {[number, number]}
+ * @param {number} zoom
+ */
 export function placeOf([column, row], zoom) {
   const count = 2 ** zoom
   return [Math.atan(Math.sinh(Math.PI * (1 - 2 * row / count))) * 180 / Math.PI, column / count * 360 - 180]
@@ -27,12 +35,15 @@ export function placeOf([column, row], zoom) {
 export class MapTiles {
   constructor() {
     this.element = svg('g', { class: 'tiles', 'aria-hidden': 'true' })
+    /** @type {Map<string, SVGImageElement>} */
     this.shown = new Map()
+    /** @type {Map<string, Promise<string | null>>} */
     this.pictures = new Map()
+    /** @type {StationMap | null} */
     this.map = null
   }
 
-  /** Ask whether the station has a map; without one nothing is drawn. */
+  /** Ask whether the station has a map; without one nothing is drawn. @param {AbortSignal} signal */
   async ask(signal) {
     try {
       this.map = (await get('/api/map', signal)).map
@@ -45,11 +56,18 @@ export class MapTiles {
   /**
    * Draw what lies around. home: latitude, longitude; at: from m north and east of it to the drawing; reach: m from the
    * middle.
+   * @param {Point | null | undefined} home
+   * @param {number[]} middle
+   * @param {number} reach
+   * @param {number} scale
+   * @param {(place: Point) => Point} at
    */
   draw(home, middle, reach, scale, at) {
     if (!this.map || !home) return
     const cosine = Math.cos(home[0] * Math.PI / 180)
+    /** @param {number} north @param {number} east @returns {Point} */
     const place = (north, east) => [home[0] + north / METRES_PER_DEGREE, home[1] + east / METRES_PER_DEGREE / cosine]
+    /** @param {Point} place @returns {Point} */
     const metres = ([latitude, longitude]) =>
       [(latitude - home[0]) * METRES_PER_DEGREE, (longitude - home[1]) * METRES_PER_DEGREE * cosine]
     const wanted = Math.ceil(Math.log2(EQUATOR_M * cosine * scale * FINER / TILE_PX))
@@ -73,10 +91,11 @@ export class MapTiles {
     }
   }
 
+  /** @param {string} key @param {number} x @param {number} y @param {number} width @param {number} height */
   put(key, x, y, width, height) {
-    let image = this.shown.get(key)
-    if (!image) {
-      image = svg('image', { preserveAspectRatio: 'none' })
+    const known = this.shown.get(key)
+    const image = known ?? svg('image', { preserveAspectRatio: 'none' })
+    if (!known) {
       this.shown.set(key, image)
       this.element.append(image)
       this.picture(key).then(address =>
@@ -87,19 +106,19 @@ export class MapTiles {
       height: height + 0.3 })) image.setAttribute(name, value.toFixed(2))
   }
 
-  /** The address of a tile's picture. */
+  /** The address of a tile's picture. @param {string} key */
   picture(key) {
-    if (!this.pictures.has(key)) {
-      const fetched = request(`/api/map/${key}`).then(answer => answer.blob()).then(blob => URL.createObjectURL(blob))
-        .catch(error => {
-          // A tile that the file lacks is asked for once; one that was lost under way again.
-          if (error.status !== 404) this.pictures.delete(key)
-          return null
-        })
-      this.pictures.set(key, fetched)
-      if (this.pictures.size > MOST_KEPT) this.forget()
-    }
-    return this.pictures.get(key)
+    const kept = this.pictures.get(key)
+    if (kept) return kept
+    const fetched = request(`/api/map/${key}`).then(answer => answer.blob()).then(blob => URL.createObjectURL(blob))
+      .catch(error => {
+        // A tile that the file lacks is asked for once; one that was lost under way again.
+        if (error.status !== 404) this.pictures.delete(key)
+        return null
+      })
+    this.pictures.set(key, fetched)
+    if (this.pictures.size > MOST_KEPT) this.forget()
+    return fetched
   }
 
   /** The view is left: no picture is kept. */
@@ -111,12 +130,18 @@ export class MapTiles {
   forget() {
     const [oldest] = [...this.pictures.keys()].filter(key => !this.shown.has(key))
     if (oldest === undefined) return
-    this.pictures.get(oldest).then(address => address && URL.revokeObjectURL(address))
+    this.pictures.get(oldest)?.then(address => address && URL.revokeObjectURL(address))
     this.pictures.delete(oldest)
   }
 }
 
-/** Columns and rows that are seen, and how many tiles these are. */
+/**
+ * Columns and rows that are seen, and how many tiles these are.
+ * @param {(north: number, east: number) => Point} place
+ * @param {number[]} middle
+ * @param {number} reach
+ * @param {number} zoom
+ */
 function around(place, middle, reach, zoom) {
   const [left, top] = tileOf(place(middle[0] + reach, middle[1] - reach), zoom)
   const [right, bottom] = tileOf(place(middle[0] - reach, middle[1] + reach), zoom)

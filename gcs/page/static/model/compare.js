@@ -2,7 +2,7 @@
 
 import { get, sentence } from '../shared/api.js'
 import { bars, estimated } from './estimates.js'
-import { field, h, remark, select, table } from '../shared/dom.js'
+import { field, h, remark, select, table, there } from '../shared/dom.js'
 import { findFlights, flightSearch, flightTitle } from '../flight/flightchoice.js'
 import { NONE, number, plusMinus, shownUnit, signalName } from '../shared/format.js'
 import { modelTitle } from './modeltitle.js'
@@ -11,8 +11,15 @@ import { keepQuery } from '../shared/router.js'
 
 const [POINTS, FAR] = [1000, 3]
 
-/** The view that compares; the address keeps the models (ma, mb) and the flights (fa, fb), `a` names a flight. */
+/**
+ * The view that compares; the address keeps the models (ma, mb) and the flights (fa, fb), `a` names a flight.
+ * @param {HTMLElement} page
+ * @param {string[]} parts
+ * @param {URLSearchParams} query
+ * @param {AbortSignal} signal
+ */
 export async function compare(page, parts, query, signal) {
+  /** @type {[ModelItem[], FlightPage]} */
   const [models, found] = await Promise.all([get('/api/models', signal), findFlights({}, signal)])
   await addNamed(found.flights, query, signal)
   page.append(h('h1', {}, 'Compare'))
@@ -20,17 +27,32 @@ export async function compare(page, parts, query, signal) {
   signalSection(page, found, query, signal)
 }
 
-/** The flights that the address names, which may be older than those found. */
+/**
+ * The flights that the address names, which may be older than those found.
+ * @param {Flight[]} flights
+ * @param {URLSearchParams} query
+ * @param {AbortSignal} signal
+ */
 async function addNamed(flights, query, signal) {
-  const named = ['a', 'fa', 'fb'].map(key => query.get(key)).filter(id => id && !flights.some(one => one.id === id))
+  const named = ['a', 'fa', 'fb'].map(key => query.get(key) ?? '')
+    .filter(id => id && !flights.some(one => one.id === id))
   for (const id of new Set(named)) flights.push(...(await findFlights({ search: id }, signal)).flights.filter(one =>
     one.id === id))
 }
 
+/** @param {Flight[]} flights */
 const comparable = flights => flights.filter(one => one.state !== 'recording' && !one.recording_deleted)
 
+/**
+ * @param {URLSearchParams} query
+ * @param {string} key
+ * @param {string} fallback
+ * @param {Choice[]} choices
+ * @param {() => void} change
+ */
 function choice(query, key, fallback, choices, change) {
-  const chosen = choices.some(([value]) => value === query.get(key)) ? query.get(key) : fallback
+  const asked = query.get(key)
+  const chosen = asked !== null && choices.some(([value]) => value === asked) ? asked : fallback
   query.set(key, chosen)
   return select(choices, chosen, value => {
     query.set(key, value)
@@ -39,6 +61,7 @@ function choice(query, key, fallback, choices, change) {
   })
 }
 
+/** @param {HTMLElement} page @param {ModelItem[]} models @param {URLSearchParams} query @param {AbortSignal} signal */
 function modelSection(page, models, query, signal) {
   page.append(h('h2', {}, 'Models'))
   if (models.length < 2) {
@@ -60,21 +83,27 @@ function modelSection(page, models, query, signal) {
     }
   }
   const mine = models.find(model => model.flight_id === query.get('a')) ?? models[0]
-  const other = models.find(model => model.flight_id !== mine.flight_id) ?? models.find(model => model !== mine)
+  const other = models.find(model => model.flight_id !== mine.flight_id)
+    ?? models.find(model => model !== mine) ?? mine
   page.append(h('div', { class: 'pair' },
     field('First model', choice(query, 'ma', mine.id, choices, draw)),
     field('Second model', choice(query, 'mb', other.id, choices, draw))), place)
   draw()
 }
 
-/** The difference of two estimates in its standard error; null where either has none. */
+/**
+ * The difference of two estimates in its standard error; null where either has none.
+ * @param {Coefficient} [a]
+ * @param {Coefficient} [b]
+ */
 export function difference(a, b) {
   // What one aircraft's flights share moves none of their differences.
-  const own = entry => entry?.statistical_std ?? entry?.std ?? NaN
+  const own = (/** @type {Coefficient | undefined} */ entry) => entry?.statistical_std ?? entry?.std ?? NaN
   const std = Math.hypot(own(a), own(b))
-  return std > 0 ? (b.value - a.value) / std : null
+  return a && b && std > 0 ? (b.value - a.value) / std : null
 }
 
+/** @param {Model[]} models */
 function coefficients(models) {
   const [a, b] = models.map(model => Object.fromEntries(estimated(model)))
   const all = Object.keys({ ...a, ...b })
@@ -87,7 +116,7 @@ function coefficients(models) {
     return [h('code', {}, name), a[name] ? plusMinus(a[name]) : NONE, b[name] ? plusMinus(b[name]) : NONE,
       there.length === 2 ? bars(there, false) : '', Math.abs(z ?? 0) > FAR ? h('strong', {}, `${apart} far`) : apart]
   })
-  return [
+  return there(
     h('p', {}, far.length
       ? `${far.length} of the ${both.length} that both know differ by more than ${FAR} standard errors: `
         + `${far.join(', ')}.`
@@ -95,9 +124,10 @@ function coefficients(models) {
     h('p', { class: 'hint' }, 'Standard errors of the difference, the flights being independent. Drawing: first above, '
       + 'second below, 95 % intervals.'),
     table('Coefficients of both models', ['Coefficient', 'First', 'Second', '95 % intervals', 'Difference, σ'], rows),
-  ]
+  )
 }
 
+/** @param {HTMLElement} page @param {FlightPage} found @param {URLSearchParams} query @param {AbortSignal} signal */
 function signalSection(page, found, query, signal) {
   const flights = comparable(found.flights)
   page.append(h('h2', {}, 'A signal of two flights'))
@@ -108,15 +138,17 @@ function signalSection(page, found, query, signal) {
   const place = h('div', { class: 'plots' })
   const picker = h('div', {})
   const choices = flights.map(flight => [flight.id, flightTitle(flight)])
-  const chosen = () => [query.get('fa'), query.get('fb')].map(id => flights.find(flight => flight.id === id))
+  const chosen = () => [query.get('fa'), query.get('fb')].map(id =>
+    flights.find(flight => flight.id === id) ?? flights[0])
   const draw = async () => {
     try {
-      place.replaceChildren(await overlay(chosen(), query.get('s'), signal))
+      place.replaceChildren(await overlay(chosen(), query.get('s') ?? '', signal))
     } catch (error) {
       place.replaceChildren(remark('bad', sentence(error)))
     }
   }
   const names = async () => {
+    /** @type {FlightSummary[]} */
     const lists = await Promise.all(chosen().map(flight =>
       get(`/api/flights/${encodeURIComponent(flight.id)}`, signal)))
     const common = lists[0].signals.filter(name => lists[1].signals.includes(name))
@@ -130,9 +162,9 @@ function signalSection(page, found, query, signal) {
     return draw()
   }
   const mine = flights.find(flight => flight.id === query.get('a')) ?? flights[0]
-  const other = flights.find(flight => flight !== mine)
+  const other = flights.find(flight => flight !== mine) ?? mine
   const selects = [choice(query, 'fa', mine.id, choices, names), choice(query, 'fb', other.id, choices, names)]
-  /** What is found stands in both lists beside what is chosen in each. */
+  /** What is found stands in both lists beside what is chosen in each. @param {FlightPage} more */
   const offer = more => {
     const matching = comparable(more.flights)
     for (const one of matching) if (!flights.some(known => known.id === one.id)) flights.push(one)
@@ -148,7 +180,9 @@ function signalSection(page, found, query, signal) {
   names().catch(error => picker.replaceChildren(remark('bad', error.message)))
 }
 
+/** @param {Flight[]} flights @param {string} name @param {AbortSignal} signal */
 async function overlay(flights, name, signal) {
+  /** @type {{ signals: Record<string, Series> }[]} */
   const answers = await Promise.all(flights.map(flight =>
     get(`/api/flights/${encodeURIComponent(flight.id)}/signals?names=${encodeURIComponent(name)}&points=${POINTS}`,
       signal)))

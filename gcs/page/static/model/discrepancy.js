@@ -7,24 +7,35 @@ import { nothingYet } from '../flight/jobs.js'
 import { download, opened } from '../shared/links.js'
 import { band, BLACK, bokeh, COLOURS, legendAbove, level, line, plot, shown, source } from '../shared/plots.js'
 
+/** @type {Record<string, [string, string]>} */
 const VERDICTS = {
   none: ['good', 'No significant gap: the model explains the flight.'],
   parameter_error: ['note', 'The structure is right; its coefficients were off.'],
   missing_effect: ['bad', 'The model lacks an effect.'],
   unexplained: ['bad', 'There is a real gap that no effect of the catalogue closes.'],
 }
+/** @type {Record<string, string>} */
 const STAGES = { given: 'as given', before: 'fitted again', after: 'effect added' }
 // Colours of the stages, the same in every plot.
 const ORDER = ['unused', 'before', 'after', 'given']
+/** @type {Record<string, string>} */
 const USES = { estimation: 'Flights used for the fit', validation: 'Flights not used for the fit' }
+/** @type {Record<string, string>} */
 const UNITS = {
   V: 'm/s', alpha: 'rad', beta: 'rad', p: 'rad/s', q: 'rad/s', r: 'rad/s', phi: 'rad', theta: 'rad',
   ax: 'm/s^2', ay: 'm/s^2', az: 'm/s^2',
 }
 // Units of the variables over which a residual is drawn, which have those of the outputs or none.
+/** @type {Record<string, string>} */
 const VARIABLES = { ...UNITS, de: 'rad', da: 'rad', dr: 'rad', thrust: 'N', time: 's', height: 'm' }
 
-/** The tab of a flight's discrepancy. result: null where no analysis has ended. */
+/**
+ * The tab of a flight's discrepancy. result: null where no analysis has ended.
+ * @param {HTMLElement} page
+ * @param {DiscrepancyResult | null} result
+ * @param {FlightSummary} summary
+ * @param {AbortSignal} signal
+ */
 export function discrepancy(page, result, summary, signal) {
   const id = encodeURIComponent(summary.id)
   if (!result) {
@@ -54,18 +65,19 @@ export function discrepancy(page, result, summary, signal) {
     ...why(result),
   ))
   gapBars(bars, result, signal)
-  modelLink(page.querySelector('#model-download'), summary.id, 'discrepancy', signal)
+  modelLink(/** @type {Element} */ (page.querySelector('#model-download')), summary.id, 'discrepancy', signal)
 }
 
-/** What to fly to distinguish an effect from its alternatives; nothing where there are none. */
+/** What to fly to distinguish an effect from its alternatives; nothing where there are none. @param {Effect} one */
 export const separation = one => one.alternatives.length && one.separating_manoeuvre || NONE
 
-/** The tests behind the verdict, and what was known beforehand. */
+/** The tests behind the verdict, and what was known beforehand. @param {DiscrepancyResult} result */
 function why({ reasons = [], ruled_out: ruledOut = [] }) {
   const all = ruledOut.length ? [...reasons, `ruled out beforehand: ${ruledOut.join(', ')}`] : reasons
   return all.length ? [h('h2', {}, 'Why'), listing(all)] : []
 }
 
+/** @param {DiscrepancyResult} result */
 function effects(result) {
   return table('Effects found, and those that these flights cannot distinguish from them',
     ['Effect', 'Probability', 'Parameters', 'Could as well be', 'Would separate them'],
@@ -81,29 +93,33 @@ function effects(result) {
     ]))
 }
 
-/** Stages of a gap that are drawn: `after` only where an effect was added. */
+/** Stages of a gap that are drawn: `after` only where an effect was added. @param {Gap} gap @param {string} verdict */
 const stages = (gap, verdict) => Object.keys(STAGES).filter(stage => gap[stage]
   && (stage !== 'after' || verdict === 'missing_effect'))
 
+/** @param {DiscrepancyResult} result */
 function gapTables({ gap, verdict }) {
-  return Object.entries(gap).filter(([, one]) => one?.noise_floor).map(([use, one]) => h('details', { class: 'panel' },
+  return Object.entries(gap).flatMap(([use, one]) => !one?.noise_floor ? [] : h('details', { class: 'panel' },
     h('summary', {}, `${USES[use] ?? use}: the numbers`),
     table(`Gap of each output. ${USES[use] ?? use}`,
       ['Output', 'Unit', ...stages(one, verdict).map(s => STAGES[s]), 'Noise floor'],
       Object.keys(one.noise_floor).map(name => {
         const [unit, factor] = shownUnit(UNITS[name])
+        /** @param {number} value */
         const cell = value => Number.isFinite(value) ? number(value * factor) : NONE
         return [signalName(name), unit, ...stages(one, verdict).map(s => cell(one[s][name])),
           cell(one.noise_floor[name])]
       }))))
 }
 
+/** @param {HTMLElement} place @param {DiscrepancyResult} result @param {AbortSignal} signal */
 async function gapBars(place, { gap, verdict }, signal) {
   const Bokeh = await bokeh()
   for (const [use, one] of Object.entries(gap)) {
     if (!one?.noise_floor) continue
     const names = Object.keys(one.noise_floor).filter(name => one.noise_floor[name])
     const drawn = stages(one, verdict)
+    /** @param {string} stage @param {string} name */
     const ratio = (stage, name) => Number.isFinite(one[stage][name]) ? one[stage][name] / one.noise_floor[name] : null
     const most = Math.max(2, ...drawn.flatMap(stage => names.map(name => ratio(stage, name) ?? 0)))
     const figure = await plot({ y: 'gap / noise floor', height: 300, yLog: true,
@@ -122,8 +138,8 @@ async function gapBars(place, { gap, verdict }, signal) {
     }
     await level(figure, 1)
     legendAbove(figure)
-    figure.xaxes.forEach(axis => { axis.major_label_orientation = Math.PI / 2 })
-    const last = drawn.at(-1)
+    figure.xaxes.forEach((/** @type {BokehObject} */ axis) => { axis.major_label_orientation = Math.PI / 2 })
+    const last = drawn[drawn.length - 1]
     const worst = names.reduce((a, b) => (ratio(last, a) ?? 0) > (ratio(last, b) ?? 0) ? a : b)
     place.append(await shown(figure, `${USES[use] ?? use}: ${drawn.map(stage => `${STAGES[stage]} up to `
       + `${number(Math.max(...names.map(name => ratio(stage, name) ?? 0)), 2)}`).join(', ')} times the noise floor; `
@@ -131,11 +147,13 @@ async function gapBars(place, { gap, verdict }, signal) {
   }
 }
 
+/** @param {DiscrepancyResult['series']} series @param {AbortSignal} signal */
 function simulated(series, signal) {
   const flights = Object.entries(series ?? {}).flatMap(([use, list]) => (list ?? []).map(one => ({ ...one, use })))
   if (!flights.length) return remark('note', h('p', {}, 'The result holds no curves.'))
   const names = Object.keys(flights[0].outputs)
   const place = h('div', { class: 'plots' })
+  /** @param {string} name */
   const draw = async name => {
     const made = []
     for (const flight of flights.filter(one => one.outputs[name])) made.push(await simulations(flight, name, signal))
@@ -145,6 +163,7 @@ function simulated(series, signal) {
   return h('div', {}, field('Output', select(names.map(name => [name, signalName(name)]), names[0], draw)), place)
 }
 
+/** @param {SimulatedFlight & { use: string }} flight @param {string} name @param {AbortSignal} signal */
 async function simulations(flight, name, signal) {
   const [unit, factor] = shownUnit(UNITS[name])
   const entry = flight.outputs[name]
@@ -164,6 +183,7 @@ async function simulations(flight, name, signal) {
     + 'windows of 5 s', signal)
 }
 
+/** @param {DiscrepancyResult} result @param {AbortSignal} signal */
 function where(result, signal) {
   if (!result.where.length) return [h('p', {}, 'Nowhere beyond chance.')]
   const plots = h('div', { class: 'plots' })
@@ -177,18 +197,20 @@ function where(result, signal) {
   ]
 }
 
+/** @param {HTMLElement} place @param {Disagreement[]} list @param {AbortSignal} signal */
 async function curvePlots(place, list, signal) {
-  for (const one of list.filter(entry => entry.curve?.length)) {
-    const figure = await plot({ x: [signalName(one.variable), VARIABLES[one.variable]].filter(Boolean).join(', '),
-      y: `residual of ${one.axis}`, height: 200 })
+  for (const { axis, variable, curve } of list) {
+    if (!curve?.length) continue
+    const figure = await plot({ x: [signalName(variable), VARIABLES[variable]].filter(Boolean).join(', '),
+      y: `residual of ${axis}`, height: 200 })
     const data = await source({
-      x: one.curve.map(point => point.value), y: one.curve.map(point => point.residual),
-      low: one.curve.map(point => point.residual - 1.96 * point.std),
-      high: one.curve.map(point => point.residual + 1.96 * point.std),
+      x: curve.map(point => point.value), y: curve.map(point => point.residual),
+      low: curve.map(point => point.residual - 1.96 * point.std),
+      high: curve.map(point => point.residual + 1.96 * point.std),
     })
     band(figure, data, 'x', 'low', 'high')
     line(figure, data, 'x', 'y', 0)
     await level(figure, 0, 'solid')
-    place.append(await shown(figure, `Residual of ${one.axis} over ${signalName(one.variable)} with 95 % band`, signal))
+    place.append(await shown(figure, `Residual of ${axis} over ${signalName(variable)} with 95 % band`, signal))
   }
 }

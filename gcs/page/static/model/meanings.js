@@ -1,13 +1,17 @@
 // What a coefficient is, in plain words: as gcs.text.meanings has it.
 
+/** @type {Record<string, string>} */
 const AXES = { CL: 'lift', CD: 'drag', CY: 'side force', Cl: 'rolling moment', Cm: 'pitching moment',
   Cn: 'yawing moment' }
+/** @type {Record<string, string>} */
 const REGRESSORS = {
   alpha: 'angle of attack', alphadot: 'rate of the angle of attack', beta: 'sideslip', p: 'roll rate', q: 'pitch rate',
   r: 'yaw rate',
   de: 'elevator', da: 'aileron', dr: 'rudder', CL: 'lift', throttle: 'throttle',
 }
+/** @type {Record<string, string>} */
 const POWERS = { '': '', 2: ' squared', 3: ' cubed', 4: ' to the fourth' }
+/** @type {Record<string, string>} */
 const CALLED = {
   CL_alpha: 'lift slope', Cm_alpha: 'pitch stability', Cm_q: 'pitch damping', Cm_de: 'elevator power',
   Cl_beta: 'dihedral effect',

@@ -2,7 +2,7 @@
 
 import { utc } from '../shared/format.js'
 
-/** What an analysis made of the model that it was given. */
+/** What an analysis made of the model that it was given. @param {ModelItem} model */
 function judged({ verdict, effects }) {
   if (verdict === 'missing_effect') return `${effects.join(' and ')} added`
   if (verdict === 'parameter_error') return 'coefficients corrected'
@@ -10,7 +10,7 @@ function judged({ verdict, effects }) {
   return 'questioned: nothing missing'
 }
 
-/** flight, kind and verdict; the name of the model too where `named`. */
+/** flight, kind and verdict; the name of the model too where `named`. @param {ModelItem} model */
 export function modelTitle(model, named = false) {
   const what = model.kind === 'discrepancy' ? judged(model) : 'identified'
   const when = utc(new Date(model.created_ns / 1e6).toISOString()).slice(0, 16)

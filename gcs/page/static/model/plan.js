@@ -12,8 +12,15 @@ const WAYS = [['', 'multisine on all surfaces (the most in the shortest time)'],
   ['elevator-multisine', 'multisine on the elevator'],
   ['aileron-multisine,rudder-multisine', 'multisines on ailerons and rudder']]
 
-/** The tab of the next flight. result: null where none was planned. */
+/**
+ * The tab of the next flight. result: null where none was planned.
+ * @param {HTMLElement} page
+ * @param {DesignResult | null} result
+ * @param {FlightSummary} summary
+ * @param {AbortSignal} signal
+ */
 export async function plan(page, result, summary, signal) {
+  /** @type {ModelItem[]} */
   const models = await get('/api/models', signal)
   page.append(h('p', {},
     'A plan is flown in the simulator with a model that is known so far; what the sensors would measure says how well '
@@ -30,7 +37,7 @@ export async function plan(page, result, summary, signal) {
   page.append(...there(h('section', { class: 'card' }, h('h2', {}, `Flight card: ${result.vehicle}`),
     h('p', {}, `${number(result.duration_s)} s, `
       + `${result.gusts ? `turbulence of ${number(result.gusts)} m/s` : 'calm air'}, with model ${result.model}.`),
-    h('p', {}, `Level and trimmed${Number.isFinite(result.trim?.V) ? ` at ${number(result.trim.V)} m/s` : ''}, in `
+    h('p', {}, `Level and trimmed${Number.isFinite(result.trim?.V) ? ` at ${number(result.trim?.V)} m/s` : ''}, in `
       + `calm air, with height to lose; let the aircraft settle before each part and touch nothing meanwhile. `
       + 'The script below moves the surfaces itself, at a switch. By hand doublets and 3-2-1-1 can be flown; a '
       + 'multisine cannot.'),
@@ -54,7 +61,7 @@ export async function plan(page, result, summary, signal) {
     result.refused.map(one => [h('code', {}, one.name), one.reason, one.manoeuvre ?? '']))))
 }
 
-/** Writes the plan's script to the vehicle's card, and says what to do next. */
+/** Writes the plan's script to the vehicle's card, and says what to do next. @param {FlightSummary} summary */
 function ontoBoard(summary) {
   const says = h('p', { role: 'status' })
   const button = h('button', { click: async () => {
@@ -76,20 +83,30 @@ function ontoBoard(summary) {
   return h('div', {}, h('p', { class: 'row' }, button), says)
 }
 
+/** @type {Record<string, string>} */
 const FILES = { 'plan.json': 'Plan for sim-vehicle (JSON)', 'plan.lua': 'Script for ArduPilot Plane (Lua)' }
 
-/** Standard errors of this flight's newest model, by coefficient. */
+/**
+ * Standard errors of this flight's newest model, by coefficient.
+ * @param {FlightSummary} summary
+ * @param {AbortSignal} signal
+ * @returns {Promise<Record<string, number>>}
+ */
 async function reached(summary, signal) {
+  /** @type {ModelItem[]} */
   const models = await get('/api/models', signal)
   const newest = models.find(model => model.flight_id === summary.id && model.kind === 'identify')
   if (!newest) return {}
+  /** @type {Model} */
   const { coefficients } = await get(`/api/models/${newest.id}`, signal)
   return Object.fromEntries(Object.entries(coefficients)
     .map(([name, entry]) => [name, entry.statistical_std ?? entry.std]))
 }
 
+/** @param {number} value */
 const degrees = value => `${number(value * 180 / Math.PI, 2)}°`
 
+/** @param {Segment} segment */
 function step(segment) {
   const peaks = Object.entries(segment.amplitudes ?? { '': segment.amplitude }).map(([axis, peak]) =>
     `${axis} ${degrees(peak ?? 0)}`.trim()).join(', ')
@@ -98,13 +115,16 @@ function step(segment) {
       + `${peaks}${segment.width ? `, shortest pulse ${number(segment.width)} s` : ''}`
 }
 
+/** @param {DesignResult} result */
 function reach({ excursions }) {
+  /** @param {string} name @param {string} words @param {(value: number) => string} shown */
   const between = (name, words, shown) =>
     excursions[name] && `${words} ${shown(excursions[name][0])} to ${shown(excursions[name][1])}`
   return [between('V', 'airspeed', value => `${number(value)} m/s`), between('alpha', 'angle of attack', degrees),
     between('phi', 'bank', degrees), between('theta', 'pitch', degrees)].filter(Boolean).join(', ')
 }
 
+/** @param {FlightSummary} summary @param {ModelItem[]} models @param {AbortSignal} signal */
 function form(summary, models, signal) {
   const model = select(models.map(one => [one.id, modelTitle(one, true)]),
     models.find(one => one.flight_id === summary.id)?.id ?? models[0].id)
@@ -116,7 +136,8 @@ function form(summary, models, signal) {
     event.preventDefault()
     says.className = ''
     says.textContent = 'Sent …'
-    const limits = Object.fromEntries([['alpha', alpha], ['bank', bank]].filter(([, input]) => input.value)
+    const limits = Object.fromEntries(/** @type {[string, HTMLInputElement][]} */ ([['alpha', alpha], ['bank', bank]])
+      .filter(([, input]) => input.value)
       .map(([name, input]) => [name, Number(input.value)]))
     try {
       const job = await post(`/api/flights/${encodeURIComponent(summary.id)}/jobs`,
@@ -135,9 +156,15 @@ function form(summary, models, signal) {
     field('Bank at most, °', bank, 'May stay empty')), h('button', { class: 'main' }, 'Plan it'), says)
 }
 
-/** Wait until a job is done, and whether somebody still waits here; throws what it failed with. */
+/**
+ * Wait until a job is done, and whether somebody still waits here; throws what it failed with.
+ * @param {string} id
+ * @param {AbortSignal} signal
+ * @param {(text: string) => void} say
+ */
 async function over(id, signal, say) {
   while (!signal.aborted) {
+    /** @type {Job} */
     const job = await get(`/api/jobs/${id}`)
     if (job.state === 'done') return !signal.aborted
     if (job.state !== 'queued' && job.state !== 'running') throw new Error(job.error ?? `the plan was ${job.state}`)

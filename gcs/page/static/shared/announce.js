@@ -4,7 +4,7 @@ import { byId } from './dom.js'
 
 let hiding = 0
 
-/** Say a sentence to screen readers; shown: on the screen too, for ten seconds. */
+/** Say a sentence to screen readers; shown: on the screen too, for ten seconds. @param {string} text */
 export function announce(text, shown = false) {
   const line = byId('announcements')
   line.textContent = text

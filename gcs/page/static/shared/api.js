@@ -2,6 +2,7 @@
 
 /** What the service or the network said, as a sentence. */
 export class Problem extends Error {
+  /** @param {number} status @param {string} detail */
   constructor(status, detail) {
     super(detail)
     this.status = status
@@ -20,13 +21,13 @@ export const aborted = error => error instanceof Error && error.name === 'AbortE
  */
 export const statusOf = error => error instanceof Problem ? error.status : undefined
 
-/** The detail of an answer that is an error. */
+/** The detail of an answer that is an error. @param {Response} answer */
 export async function problemOf(answer) {
   const text = await answer.text()
   return new Problem(answer.status, detailOf(text) ?? `the ground station answered ${answer.status}`)
 }
 
-/** The sentence of a problem's JSON; null where it is none. */
+/** The sentence of a problem's JSON; null where it is none. @param {string} text @returns {string | null} */
 export function detailOf(text) {
   try {
     return JSON.parse(text).detail ?? null
@@ -35,7 +36,11 @@ export function detailOf(text) {
   }
 }
 
-/** A fetch from this service; throws Problem for every answer that is none. */
+/**
+ * A fetch from this service; throws Problem for every answer that is none.
+ * @param {string} path
+ * @param {RequestInit} [options]
+ */
 export async function request(path, options = {}) {
   let answer
   try {
@@ -48,13 +53,21 @@ export async function request(path, options = {}) {
   return answer
 }
 
-/** Parameters of a request; numbers may stand among them, and what is empty is left out. */
+/**
+ * Parameters of a request; numbers may stand among them, and what is empty is left out.
+ * @param {Record<string, string | number | null | undefined>} parameters
+ */
 export const asking = parameters => new URLSearchParams(Object.entries(parameters)
   .filter(([, value]) => value !== '' && value !== null && value !== undefined).map(([name, value]) =>
     [name, String(value)]))
 
+/** @param {string} path @param {AbortSignal} [signal] */
 export const get = async (path, signal) => (await request(path, { signal })).json()
 
+/**
+ * @param {string} method
+ * @returns {(path: string, body: object) => Promise<any>} whose answer is the JSON of the address
+ */
 const sent = method => async (path, body) => (await request(path, {
   method, headers: { 'Content-Type': 'application/json' }, body: JSON.stringify(body),
 })).json()
@@ -63,10 +76,14 @@ export const post = sent('POST')
 export const put = sent('PUT')
 export const patch = sent('PATCH')
 
-/** Delete what is at the address. */
+/** Delete what is at the address. @param {string} path */
 export const remove = path => request(path, { method: 'DELETE' })
 
-/** The same as get, but null where there is nothing at the address yet. */
+/**
+ * The same as get, but null where there is nothing at the address yet.
+ * @param {string} path
+ * @param {AbortSignal} [signal]
+ */
 export async function getIfThere(path, signal) {
   try {
     return await get(path, signal)
@@ -76,7 +93,14 @@ export async function getIfThere(path, signal) {
   }
 }
 
-/** Send a file; progress(share) is called while it goes. Resolves to the answer's JSON. */
+/**
+ * Send a file; progress(share) is called while it goes. Resolves to the answer's JSON.
+ * @param {File} file
+ * @param {string} columns
+ * @param {(share: number) => void} progress
+ * @param {AbortSignal} [signal]
+ * @returns {Promise<Flight & { note: string }>}
+ */
 export const upload = (file, columns, progress, signal) => new Promise((resolve, reject) => {
   const sending = new XMLHttpRequest()
   sending.open('POST', `/api/flights?${new URLSearchParams({ name: file.name, ...(columns.trim() && { columns }) })}`)
@@ -89,7 +113,7 @@ export const upload = (file, columns, progress, signal) => new Promise((resolve,
   sending.send(file)
 })
 
-/** Hand a blob to the user as a file of that name. */
+/** Hand a blob to the user as a file of that name. @param {Blob} blob @param {string} name */
 export function hand(blob, name) {
   const address = URL.createObjectURL(blob)
   Object.assign(document.createElement('a'), { href: address, download: name }).click()

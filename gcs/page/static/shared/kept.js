@@ -1,8 +1,9 @@
 // What this browser keeps of somebody's choices; where it may keep nothing they hold for the page alone.
 
+/** @type {Map<string, string | null>} */
 const here = new Map()
 
-/** What was kept under a name, null for nothing. */
+/** What was kept under a name, null for nothing. @param {string} name @returns {string | null} */
 export function kept(name) {
   try {
     return localStorage.getItem(name)
@@ -11,7 +12,7 @@ export function kept(name) {
   }
 }
 
-/** Keep a text under a name; null forgets it. */
+/** Keep a text under a name; null forgets it. @param {string} name @param {string | null} text */
 export function keep(name, text) {
   here.set(name, text)
   try {

@@ -18,9 +18,10 @@ const KEYS = [
   ['?', 'This list', () => list()],
 ]
 
+/** @param {string} address */
 const go = address => { location.hash = address }
 
-/** Press, or put the cursor into, what a view offers under a name. */
+/** Press, or put the cursor into, what a view offers under a name. @param {string} name */
 function press(name) {
   const found = /** @type {HTMLElement | null} */ (document.querySelector(`[data-key=${name}]`))
   if (!found || found.closest('[hidden]')) return
@@ -28,6 +29,7 @@ function press(name) {
   else found.click()
 }
 
+/** @type {HTMLDialogElement | null} */
 let shown = null
 
 function list() {
@@ -35,20 +37,21 @@ function list() {
     shown.close()
     return
   }
-  shown = h('dialog', { 'aria-labelledby': 'keys-heading', close: () => { shown.remove(); shown = null } },
+  shown = h('dialog', { 'aria-labelledby': 'keys-heading', close: () => { shown?.remove(); shown = null } },
     h('h2', { id: 'keys-heading' }, 'Keys'),
     h('dl', { class: 'keys' }, KEYS.map(([key, what]) => [h('dt', {}, h('kbd', {}, key)), h('dd', {}, what)])),
     h('p', {}, h('label', {}, h('input', { type: 'checkbox', checked: kept(OFF) !== 'yes',
       change: event => keep(OFF, event.target.checked ? null : 'yes') }), ' Keys are on')),
-    h('button', { type: 'button', click: () => shown.close() }, 'Close'))
+    h('button', { type: 'button', click: () => shown?.close() }, 'Close'))
   document.body.append(shown)
   shown.showModal()
 }
 
+/** @param {EventTarget | null} target */
 const typing = target => target instanceof HTMLElement
   && (target.matches('input:not([type=checkbox]), textarea, select') || target.isContentEditable)
 
-/** Listen for keys from here on, and give the button at the bottom of the page its list. */
+/** Listen for keys from here on, and give the button at the bottom of the page its list. @param {HTMLElement} button */
 export function listen(button) {
   button.addEventListener('click', list)
   document.addEventListener('keydown', event => {

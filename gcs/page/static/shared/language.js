@@ -15,6 +15,7 @@ const MOST_REMEMBERED = 5000
 let texts = {}
 /** @type {[RegExp, string][]} */
 let patterns = []
+/** @type {Map<string, string>} */
 const remembered = new Map()
 const shown = new WeakMap()
 
@@ -31,7 +32,7 @@ export function language() {
   return there.has(chosen) ? chosen : 'en'
 }
 
-/** A text of the page in its language. */
+/** A text of the page in its language. @param {string} text @returns {string} */
 export function say(text) {
   const found = remembered.get(text)
   if (found !== undefined) return found
@@ -41,6 +42,7 @@ export function say(text) {
   return said
 }
 
+/** @param {string} text @returns {string} */
 function translated(text) {
   if (!/\p{L}/u.test(text)) return text
   if (Object.hasOwn(texts, text)) return texts[text]
@@ -57,7 +59,10 @@ function translated(text) {
   return text
 }
 
-/** A catalogue as it is looked up: sentences with what changes in them, the longest first. */
+/**
+ * A catalogue as it is looked up: sentences with what changes in them, the longest first.
+ * @param {Record<string, string>} catalogue
+ */
 function learn(catalogue) {
   texts = catalogue
   const changing = Object.entries(catalogue).filter(([english]) => english.includes('{}'))
@@ -82,7 +87,7 @@ function put(node) {
   for (const child of node.childNodes) put(child)
 }
 
-/** @param {Element} element */
+/** @param {Element} element @param {string} name */
 function putAttribute(element, name) {
   const text = element.getAttribute(name)
   if (!text || element.closest('[translate=no]')) return
@@ -104,7 +109,7 @@ export async function translate() {
   put(document.documentElement)
   new MutationObserver(changes => {
     for (const change of changes) {
-      if (change.type === 'attributes') putAttribute(/** @type {Element} */ (change.target), change.attributeName)
+      if (change.type === 'attributes') putAttribute(/** @type {Element} */ (change.target), change.attributeName ?? '')
       else if (change.type === 'characterData') put(change.target)
       else change.addedNodes.forEach(put)
     }
@@ -112,7 +117,7 @@ export async function translate() {
   { subtree: true, childList: true, characterData: true, attributes: true, attributeFilter: ATTRIBUTES })
 }
 
-/** The choice at the bottom of the page. */
+/** The choice at the bottom of the page. @param {HTMLSelectElement} select */
 export function languageChooser(select) {
   for (const [code, name] of languages()) select.add(new Option(name, code))
   select.value = language()

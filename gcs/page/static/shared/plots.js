@@ -24,7 +24,7 @@ const axisStyle = () => ({
 })
 const DASHES = ['solid', 'dashed', 'solid', 'dotdash', 'solid', 'dashed']
 
-/** @type {Promise<any> | null} */
+/** @type {Promise<BokehObject> | null} */
 let loading = null
 
 /** BokehJS, loaded once. */
@@ -33,13 +33,15 @@ export function bokeh() {
   const meta = document.querySelector('meta[name=plots]')
   if (!meta) throw new Error('the document names no plotting library')
   loading ??= meta.content.split(' ')
-    .reduce((before, address) => before.then(() => load(address)), Promise.resolve()).then(() => {
+    .reduce((before, address) => before.then(() => load(address)), /** @type {Promise<unknown>} */ (Promise.resolve()))
+    .then(() => {
       window.Bokeh.set_log_level('error')
       return window.Bokeh
     })
   return loading
 }
 
+/** @param {string} address */
 const load = address => new Promise((resolve, reject) => {
   const script = h('script', { src: address, load: resolve, error: () => {
     loading = null
@@ -52,6 +54,8 @@ const load = address => new Promise((resolve, reject) => {
  * An empty Bokeh plot, its axes named.
  * options: height (px), x, y (axis labels), xRange (a Range1d shared with others), yRange ([low, high] or names),
  * xLog, yLog, counted (whole numbers along x), names (categories along x), select (drag with a mouse zooms in time).
+ * @param {PlotOptions} options
+ * @returns {Promise<BokehObject>}
  */
 export async function plot(options) {
   const Bokeh = await bokeh()
@@ -69,12 +73,17 @@ export async function plot(options) {
     const ticker = new Bokeh.BasicTicker({ min_interval: 1, num_minor_ticks: 0 })
     for (const one of [...figure.xaxes, ...figure.xgrids]) one.ticker = ticker
   }
-  figure.xgrids.concat(figure.ygrids).forEach(grid => { grid.grid_line_color = GRID })
+  figure.xgrids.concat(figure.ygrids).forEach((/** @type {BokehObject} */ grid) => { grid.grid_line_color = GRID })
   Object.assign(figure, { outline_line_color: BLACK, background_fill_color: PAPER, border_fill_color: PAPER })
   return figure
 }
 
-/** A further axis on the right, of a range of its own: { name, range }. */
+/**
+ * A further axis on the right, of a range of its own: { name, range }.
+ * @param {BokehObject} figure
+ * @param {string} label
+ * @returns {Promise<FurtherAxis>}
+ */
 export async function furtherAxis(figure, label) {
   const Bokeh = await bokeh()
   const range = new Bokeh.DataRange1d({ renderers: [] })
@@ -85,19 +94,24 @@ export async function furtherAxis(figure, label) {
   return { name, range }
 }
 
-/** Columns of numbers as a source that plots share; null becomes a gap. */
+/**
+ * Columns of numbers as a source that plots share; null becomes a gap.
+ * @param {Columns} columns
+ * @returns {Promise<BokehSource>}
+ */
 export async function source(columns) {
   const Bokeh = await bokeh()
   return new Bokeh.ColumnDataSource({ data: gaps(columns) })
 }
 
+/** @param {Columns} columns @returns {Record<string, number[]>} */
 export const gaps = columns => Object.fromEntries(Object.entries(columns).map(([name, values]) =>
   [name, values.map(value => value ?? NaN)]))
 
 /**
  * A line of a source's columns; index: which colour and dash.
- * @param {any} figure
- * @param {any} data
+ * @param {BokehObject} figure
+ * @param {BokehSource} data
  * @param {string} x
  * @param {string} y
  * @param {number} index
@@ -112,12 +126,19 @@ export const line = (figure, data, x, y, index, legend, width = 2.5, axis = null
     ...(legend ? { legend_label: legend } : {}),
   })
 
-/** A band between two columns. */
+/**
+ * A band between two columns.
+ * @param {BokehObject} figure
+ * @param {BokehSource} data
+ * @param {string} x
+ * @param {string} low
+ * @param {string} high
+ */
 export const band = (figure, data, x, low, high, colour = BLUE) => figure.varea({
   x: { field: x }, y1: { field: low }, y2: { field: high }, source: data, fill_color: colour, fill_alpha: 0.25,
 })
 
-/** A horizontal line over the whole width. */
+/** A horizontal line over the whole width. @param {BokehObject} figure @param {number} value */
 export async function level(figure, value, dash = 'dashed') {
   const Bokeh = await bokeh()
   figure.add_layout(new Bokeh.Span({
@@ -125,27 +146,31 @@ export async function level(figure, value, dash = 'dashed') {
   }))
 }
 
-/** The legend on one line above the plot, in large type. */
+/** The legend on one line above the plot, in large type. @param {BokehObject} figure */
 export function legendAbove(figure) {
   const { legend } = figure
   Object.assign(legend, {
     orientation: 'horizontal', label_text_font_size: '15px', label_text_color: BLACK, border_line_color: null,
     padding: 0, margin: 0, spacing: 12, background_fill_alpha: 0.85, background_fill_color: PAPER,
   })
-  const legends = figure.center.filter(part => part.type === 'Legend')
-  figure.center = figure.center.filter(part => part.type !== 'Legend')
-  legends.forEach(part => figure.add_layout(part, 'above'))
+  /** @type {BokehObject[]} */
+  const parts = figure.center
+  figure.center = parts.filter(part => part.type !== 'Legend')
+  parts.filter(part => part.type === 'Legend').forEach(part => figure.add_layout(part, 'above'))
 }
 
 /**
  * A figure element with the plot in it. The picture is one image to screen readers, described by its caption.
  * signal: when it is aborted, the plot is taken away.
+ * @param {BokehObject} figure
+ * @param {string} caption
+ * @param {AbortSignal} [signal]
  */
 export async function shown(figure, caption, signal) {
   const Bokeh = await bokeh()
   const picture = h('div', { class: 'plot', role: 'img', 'aria-label': caption })
   const words = h('figcaption', {}, caption)
-  const element = h('figure', {}, picture, words)
+  const element = /** @type {PlotElement} */ (h('figure', {}, picture, words))
   const place = async () => {
     const view = await Bokeh.Plotting.show(figure, picture)
     element.view = view
@@ -169,14 +194,17 @@ export async function shown(figure, caption, signal) {
   return element
 }
 
-/** Take a plot away for good: what draws it would stay in memory for as long as the view does. */
+/**
+ * Take a plot away for good: what draws it would stay in memory for as long as the view does.
+ * @param {PlotElement} element
+ */
 export function removePlot(element) {
   element.ended = true
   element.end?.()
   element.remove()
 }
 
-/** Bokeh measures its place, so the plot is drawn once its element is part of the page. */
+/** Bokeh measures its place, so the plot is drawn once its element is part of the page. @param {PlotElement} element */
 async function whenInDocument(element) {
   while (!element.isConnected && !element.ended) await new Promise(requestAnimationFrame)
 }

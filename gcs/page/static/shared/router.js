@@ -12,7 +12,7 @@ export function address() {
   return { parts: path.split('/').filter(Boolean).map(decodeURIComponent), query: new URLSearchParams(search) }
 }
 
-/** Change the parameters of the address, without a new view. */
+/** Change the parameters of the address, without a new view. @param {URLSearchParams} query */
 export function keepQuery(query) {
   const [path] = location.hash.split('?')
   history.replaceState(null, '', `${path || '#/live'}?${query}`)
@@ -20,6 +20,8 @@ export function keepQuery(query) {
 
 /**
  * Show the views. views: by the first part of the address, functions (page, parts, query, signal) that fill the page.
+ * @param {Record<string, View>} views
+ * @param {string} fallback
  */
 export function start(views, fallback) {
   const show = () => render(views, fallback)
@@ -31,6 +33,7 @@ export function start(views, fallback) {
   show()
 }
 
+/** @param {Record<string, View>} views @param {string} fallback */
 async function render(views, fallback) {
   leaving.abort()
   leaving = new AbortController()
@@ -59,18 +62,21 @@ async function render(views, fallback) {
   window.scrollTo(0, 0)
 }
 
+/** @param {unknown} error @param {() => void} again */
 function trouble(error, again) {
-  if (error.status === 401) return [h('h1', {}, 'Token needed'), tokenForm(again)]
+  const status = statusOf(error)
+  if (status === 401) return [h('h1', {}, 'Token needed'), tokenForm(again)]
   console.error(error)
-  const gone = error.status === 404 || error.status === 410
+  const gone = status === 404 || status === 410
   return [
     h('h1', {}, gone ? 'Nothing here' : 'That did not work'),
-    remark('bad', h('p', {}, `${error.message}`)),
+    remark('bad', h('p', {}, sentence(error))),
     h('p', {}, gone ? h('a', { class: 'button', href: '#/flights' }, 'To the list of flights')
       : h('button', { click: again }, 'Try again')),
   ]
 }
 
+/** @param {() => void} again */
 function tokenForm(again) {
   const input = h('input', { type: 'password', autocomplete: 'current-password', required: true })
   const refused = h('div', {})

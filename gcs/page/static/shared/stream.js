@@ -11,6 +11,9 @@ const WAITS_MS = [500, 1000, 2000, 3000]
  * Follow a stream until `signal` is aborted.
  * event(name, data): every event, its data as JSON. state(text): '' when connected, else what is wrong.
  * Rejects with Problem 401 or 404, which trying again does not mend.
+ * @param {string} path
+ * @param {AbortSignal} signal
+ * @param {{ event: (name: string, data: any) => void, state: (text: string) => void }} heard
  */
 export async function follow(path, signal, { event, state }) {
   let tries = 0
@@ -30,6 +33,12 @@ export async function follow(path, signal, { event, state }) {
   }
 }
 
+/**
+ * @param {string} path
+ * @param {AbortSignal} signal
+ * @param {(name_data: [string, any]) => void} event
+ * @param {() => void} opened
+ */
 async function connection(path, signal, event, opened) {
   const silent = new AbortController()
   const stop = () => silent.abort()
@@ -59,7 +68,11 @@ async function connection(path, signal, event, opened) {
   }
 }
 
-/** A function that takes the text of a stream piece by piece and calls event([name, data]) for each event. */
+/**
+ * A function that takes the text of a stream piece by piece and calls event([name, data]) for each event.
+ * @param {(name_data: [string, any]) => void} event
+ * @returns {(text: string) => void}
+ */
 export function parser(event) {
   let rest = ''
   return text => {
@@ -77,6 +90,7 @@ export function parser(event) {
   }
 }
 
+/** @param {number} ms @param {AbortSignal} signal */
 const pause = (ms, signal) => new Promise((/** @type {(value?: any) => void} */ resolve) => {
   const timer = setTimeout(resolve, ms)
   signal.addEventListener('abort', () => (clearTimeout(timer), resolve()))

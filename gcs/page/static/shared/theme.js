@@ -8,12 +8,12 @@ const dark = matchMedia('(prefers-color-scheme: dark)')
 
 /** Show the theme that was chosen, else the device's. */
 export function dress() {
-  const chosen = kept(CHOSEN)
+  const chosen = kept(CHOSEN) ?? ''
   const theme = THEMES.includes(chosen) ? chosen : dark.matches ? 'dark' : 'light'
   document.documentElement.dataset.theme = theme
 }
 
-/** The choice at the bottom of the page. */
+/** The choice at the bottom of the page. @param {HTMLSelectElement} select */
 export function chooser(select) {
   const chosen = kept(CHOSEN) ?? ''
   select.value = THEMES.includes(chosen) ? chosen : ''
