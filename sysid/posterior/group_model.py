@@ -65,6 +65,9 @@ _OF_AIRSPEED = {
     )
 }
 _OF_VANE = frozenset(("alpha_scale", "beta_scale", "vane_clock", "vane_log_frequency", "vane_log_damping"))
+# All that records of the same part differ by, and how many of them are kept.
+_CHANGES_INPUT = sorted({*_DRIVING, *_OF_VANE, *_OF_AIRSPEED})
+_MOST_RECORDS = 16
 
 
 @dataclass(frozen=True)
@@ -125,6 +128,8 @@ class GroupModel:
         self._driving = _DRIVING | _OF_VANE if flow_imposed else _DRIVING
         self.free_states = [STATES.index(name) for name in self._free]
         self._columns = [OUTPUTS.index(name) for name in self.outputs]
+        # Of each part where they were wanted last: evidence, covariance and result of a maximum want the same.
+        self._slopes: dict[int, tuple[bytes, Array]] = {}
         self._take(parts)
 
     @property
@@ -144,7 +149,7 @@ class GroupModel:
 
     def flying(self, model: Model, names: Sequence[str], effects: Sequence[tuple[str, str]]) -> GroupModel:
         """The same parts under another structure, with other coefficients and parameters of effects free."""
-        other = copy.copy(self)
+        other = self._copied()
         other.parameters = (*(coefficient(name) for name in names), *(effect_parameter(*one) for one in effects))
         other._model, other.flat = model, flatten(self.vehicle, model)
         used = (*names, *model.coefficients)
@@ -153,20 +158,21 @@ class GroupModel:
 
     def of(self, parts: Sequence[FlightPart]) -> GroupModel:
         """The same model of other parts, as many of the same flights."""
-        other = copy.copy(self)
+        other = self._copied()
         other._take(parts)
         return other
 
     def rough(self) -> GroupModel:
         """The same model with twice the step, for a search that is far from its end."""
-        other = copy.copy(self)
+        other = self._copied()
         other._prepared = self._coarse
         return other
 
     def altered(self, by: PerturbedInputs) -> GroupModel:
         """The same model of the same parts, with other values given."""
-        other = copy.copy(self)
+        other = self._copied()
         other._given, other.flat = by, flatten(by.vehicle, self._model)
+        other._records = {}
         gain = np.array([by.readings.get(name, 1.0) for name in self.outputs])[:, None]
 
         def changed(one: _Prepared) -> _Prepared:
@@ -198,6 +204,12 @@ class GroupModel:
 
     def slopes(self, index: int, theta: Array) -> Array:
         """(m, K, P) slopes of a part's outputs by all unknowns, simulated at every second step of the grid."""
+        place = theta.tobytes()
+        if self._slopes.get(index, (b"",))[0] != place:
+            self._slopes[index] = (place, self._sloped(index, theta))
+        return self._slopes[index][1]
+
+    def _sloped(self, index: int, theta: Array) -> Array:
         one, values, count = self._coarse[index], self._values(index, theta), len(self.parameters)
         states = self._states(index, theta)
         y, predictor = self._ideal(one, values, theta, states)
@@ -231,6 +243,11 @@ class GroupModel:
                 result[:, :, count + i] = (self._read(one, other, moved[:, :, None])[:, :, 0] - base) / nuisance.step
         return result
 
+    def _copied(self) -> GroupModel:
+        other = copy.copy(self)
+        other._slopes = {}
+        return other
+
     def _shaped(self, values: Mapping[str, float]) -> PackedModel:
         """The flat model with what the nuisances add to the vehicle's constants."""
         added = {place: values[name] for name, place in _SHAPING.items() if values.get(name)}
@@ -263,6 +280,8 @@ class GroupModel:
     def _take(self, parts: Sequence[FlightPart]) -> None:
         """Go by these parts, on their own grid and, for slopes and searches that are far from their end, on half."""
         self.parts = tuple(parts)
+        # What drove the last simulations: candidates are compared at one place.
+        self._records: dict[tuple[object, ...], Record] = {}
         self._prepared = [self._prepare(part, *self._compared(part)) for part in parts]
         self._coarse = [self._prepare(one.part.thinned(), one.joined, one.measured) for one in self._prepared]
 
@@ -316,12 +335,18 @@ class GroupModel:
 
         before: a record of which only the commands change (by_servo), or only what is imposed.
         """
-        if before is None or by_servo:
-            commands = self._commands(one, values)
-            if before is not None:
-                return replace(before, commands=commands)
-        else:
-            commands = before.commands
+        if before is None:
+            key = (id(one), frozenset(self._surfaces), *(values.get(name) for name in _CHANGES_INPUT))
+            if key not in self._records:
+                while len(self._records) >= _MOST_RECORDS:
+                    self._records.pop(next(iter(self._records)))
+                self._records[key] = self._moved(one, values, self._commands(one, values))
+            return self._records[key]
+        if by_servo:
+            return replace(before, commands=self._commands(one, values))
+        return self._moved(one, values, before.commands)
+
+    def _moved(self, one: _Prepared, values: Mapping[str, float], commands: Array) -> Record:
         imposed = self._imposed(one.part, values, one.vane)
         imposed[:, self.free_states] = np.nan
         thrust = one.record.thrust * (1.0 - values.get("thrust_error", 0.0))

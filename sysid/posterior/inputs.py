@@ -53,16 +53,16 @@ class InputSignal:
     resolution: float = 0.0
     rounding: Array = field(default_factory=lambda: np.zeros(0))
 
-    def with_rounding(self, share: float) -> InputSignal:
-        """The signal with a share of what its rounding changed: with all of it, as it was logged."""
-        return replace(self, values=self.values + share * self.rounding) if share and self.rounding.size else self
-
-    def at(self, time_s: Array, width: float = 0.0) -> Array:
+    def at(self, time_s: Array, width: float = 0.0, rounded: float = 0.0) -> Array:
         """Values at any times; constant beyond the ends.
 
         width: s, over which a command that steps is averaged about each time: the moment of a step then moves what is
-        read smoothly, though the times lie on a grid.
+        read smoothly, though the times lie on a grid. rounded: share of what rounding changed that is in them.
         """
+        if rounded and self.rounding.size:
+            if self.kind == "eased":  # alone not linear in its values
+                return replace(self, values=self.values + rounded * self.rounding).at(time_s, width)
+            return self.at(time_s, width) + rounded * self._of_rounding.at(time_s, width)
         if self.kind == "held":
             if width > 0.0:
                 after, before = (self._passed(time_s + side * width) for side in (0.5, -0.5))
@@ -82,6 +82,10 @@ class InputSignal:
         if self.kind == "eased":
             return [PchipInterpolator(self.time_s[part], self.values[part]) for part in parts]
         return [CubicSpline(self.time_s[part], self.values[part]) for part in parts]
+
+    @cached_property
+    def _of_rounding(self) -> InputSignal:
+        return InputSignal(self.time_s, self.rounding, self.kind)
 
     @cached_property
     def _integral(self) -> Array:
@@ -158,13 +162,15 @@ def _travel_in_steps(values: Array) -> tuple[float, float]:
     return float(change[alone].sum()), float(change[moves].sum())
 
 
-def servo(commanded: InputSignal, grid: Array, delay: float, lag: float, backlash: float) -> Array:
+def servo(
+    commanded: InputSignal, grid: Array, delay: float, lag: float, backlash: float, rounded: float = 0.0
+) -> Array:
     """(N,) positions behind a servo on an even grid: delay, second order with `lag` = 2 damping / omega, play.
 
-    delay, lag: s. backlash: half width, in the signal's unit.
+    delay, lag: s. backlash: half width, in the signal's unit. rounded: as in `InputSignal.at`.
     """
     h = float(grid[1] - grid[0])
-    behind = commanded.at(grid - delay, h)
+    behind = commanded.at(grid - delay, h, rounded)
     if lag > _SHORTEST_LAG_S:
         omega = 2.0 * SERVO_DAMPING / lag
         # State, input and its rise over one step: exact for an input that goes in straight lines.
@@ -199,9 +205,7 @@ def surface_means(commanded: InputSignal, begin: float, step: float, count: int,
     # The servo has settled where the grid begins.
     lead = round(_SERVO_LEAD_S / step)
     half: Array = begin - lead * step + 0.5 * step * (np.arange(2 * (count + lead) + 2, dtype=np.float64) - 0.5)
-    *moving, rounding = servos
-    moved = servo(commanded.with_rounding(rounding), half, *moving)
-    return interval_means(moved, commanded.kind == "held")[lead:]
+    return interval_means(servo(commanded, half, *servos), commanded.kind == "held")[lead:]
 
 
 def interval_means(values: Array, averaged: bool) -> Array:
