@@ -62,7 +62,7 @@ $(VENV)/.interop: $(VENV)/.ready
 
 interop: $(VENV)/.interop $(VENV)/.docs  ## browser, MAVProxy and readers that are not ours
 	@(command -v chromium && command -v firefox-esr) >/dev/null || (apt-get update -q && apt-get install -q -y --no-install-recommends chromium firefox-esr)
-	$(BIN)/python -m pytest -n 2 --dist loadfile tests/interop
+	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder tests/interop
 
 page-pictures: $(VENV)/.interop  ## the pictures of docs/howto/page.md, made anew by the browser tests
 	PAGE_PICTURES=docs/images $(BIN)/python -m pytest tests/interop/test_page.py tests/interop/test_signal_page.py tests/interop/test_aircraft_page.py

@@ -13,6 +13,7 @@ import signal
 import subprocess
 import sys
 import threading
+import traceback
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
@@ -37,9 +38,10 @@ class _Forked:
             os.dup2(answers, 1)
             for one in (orders, stdin, stdout, answers):
                 os.close(one)
-            sys.stdin, sys.stdout = open(0, closefd=False), open(1, "w", closefd=False)  # noqa: SIM115
             try:
                 main()
+            except BaseException:
+                traceback.print_exc()
             finally:
                 os._exit(1)
         os.close(orders)
@@ -116,9 +118,12 @@ class SecondProcess:
 
 def _read(orders: queue.SimpleQueue[tuple[Callable[..., Any], tuple[object, ...]]]) -> None:
     """Take orders until standard input ends: then nobody wants what is being worked on, and the process ends."""
-    with suppress(Exception):  # one that cannot be read too: who asked sees the end
+    with (
+        suppress(Exception),
+        open(0, "rb", closefd=False) as given,
+    ):  # one that cannot be read too: who asked sees the end
         while True:
-            orders.put(pickle.load(sys.stdin.buffer))
+            orders.put(pickle.load(given))
     os._exit(0)
 
 
@@ -129,7 +134,7 @@ def main() -> None:
     from sysid.numerics.threads import one_thread  # not for whoever starts this process: it loads scipy
 
     one_thread()
-    answers, sys.stdout = sys.stdout.buffer, sys.stderr  # what libraries print is no answer
+    answers, sys.stdout = open(1, "wb", closefd=False), sys.stderr  # noqa: SIM115  # what libraries print is no answer
     orders: queue.SimpleQueue[tuple[Callable[..., Any], tuple[object, ...]]] = queue.SimpleQueue()
     threading.Thread(target=_read, args=(orders,), daemon=True).start()
     while True:
