@@ -94,6 +94,6 @@ def write_table(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
         pyarrow.parquet.write_table(table, path)
         return
     with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, names)
+        writer = csv.DictWriter(file, names, lineterminator="\n")
         writer.writeheader()
         writer.writerows(rows)

@@ -134,7 +134,7 @@ def export_messages(recording: Path, folder: Path, ending: str) -> list[Path]:
 
 def _write_csv(target: Path, first: MessageColumns, parts: Iterable[MessageColumns]) -> None:
     with target.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
+        writer = csv.writer(file, lineterminator="\n")
         writer.writerow([*(name for name, _, _ in _HEAD), *(label for label, _ in _values(first))])
         for columns in parts:
             cells = [*_head(columns).values(), *(values for _, values in _values(columns))]

@@ -70,11 +70,11 @@ class AskedOnce:
 
     def _run(self, order: str, stdout: int, stderr: int, what: str, failed: type[GcsError]) -> int:
         """Run the program; its exit code."""
+        process = begin(self._command, stdout, stderr, environment={**os.environ, "PYTHONPATH": python_path()})
         with self._lock:
-            if self._closed:
-                raise ServiceError(STOPPED)
-            process = begin(self._command, stdout, stderr, environment={**os.environ, "PYTHONPATH": python_path()})
             self._process = process
+            if self._closed:
+                process.kill()
         assert process.stdin is not None
         try:
             process.stdin.write(order)

@@ -2,25 +2,34 @@
 
 Loading numba, scipy and our own modules takes a second on a fast machine, and ten on a small one; an upload alone needs
 two such processes. The first program that is begun starts the process that all others are forked from
-(`multiprocessing`'s forkserver). It ends with this one, and is started again when it was killed.
+(`multiprocessing`'s forkserver). It ends with this one, and is started again when it was killed. Where there is none, a
+program loads everything itself.
 """
 
 from __future__ import annotations
 
+import logging
 import multiprocessing
 import os
+import select
+import signal
 import subprocess
 import sys
 import threading
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from importlib import import_module
-from multiprocessing import connection, forkserver
+from multiprocessing import connection, process
 from multiprocessing.connection import Connection
 from typing import IO, Any, Self
 
+from gcs.errors import in_words
+
+_log = logging.getLogger(__name__)
+
 # What the programs load, so that none of them has to.
 _LOADED = (
+    "gcs.jobs.alone",
     "gcs.cli",
     "gcs.analysis.postflight",
     "gcs.jobs.intakeworker",
@@ -31,10 +40,11 @@ _LOADED = (
     "sysid.identification.posterior_method",
     "gcs.jobs.compiled",
 )
-# A process that has threads cannot be forked safely, and these are matrix libraries'.
-_NO_THREADS = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+# From the end of a process to its exit code, s.
+_CODE_S = 5.0
+# Of a process whose exit code nobody knows.
+_NO_CODE = 255
 
-_context = multiprocessing.get_context("forkserver")
 _starting = threading.Lock()
 
 
@@ -42,33 +52,48 @@ class Program:
     """A module's main() as `subprocess.Popen` runs it, with a pipe to its standard input.
 
     module, arguments: what `python -m` would be given. stdout: a file's descriptor, or None for a pipe. stderr: one, or
-    None for this process's own. text: whether the pipes are of text. environment: all variables that it has.
+    None for this process's own. text: whether the pipes are of text. environment: all variables that it has. Raises
+    OSError or EOFError where it cannot be forked.
     """
 
     def __init__(
         self, module: str, arguments: Sequence[str], stdout: int | None, stderr: int | None, text: bool,
         environment: Mapping[str, str],
     ) -> None:  # fmt: skip
+        mode, encoding = ("", "utf-8") if text else ("b", None)
         read, write = os.pipe()
         given = [Connection(read, writable=False)]
-        self.stdin: IO[Any] = os.fdopen(write, "w" if text else "wb")
+        self.stdin: IO[Any] = os.fdopen(write, f"w{mode}", encoding=encoding)
         self.stdout: IO[Any] | None = None
         if stdout is None:
-            read, stdout = os.pipe()
-            self.stdout = os.fdopen(read, "r" if text else "rb")
-            given.append(Connection(stdout, readable=False))
+            read, write = os.pipe()
+            self.stdout = os.fdopen(read, f"r{mode}", encoding=encoding)
+            given.append(Connection(write, readable=False))
         else:
             given.append(Connection(os.dup(stdout), readable=False))
         given.append(Connection(os.dup(2 if stderr is None else stderr), readable=False))
-        self._process = _context.Process(
+        context = multiprocessing.get_context("forkserver")
+        context.set_forkserver_preload(list(_LOADED))
+        self._process = context.Process(
             target=_work, args=(module, list(arguments), dict(environment), given), daemon=True
         )
-        self._code = threading.Lock()
-        with _starting:
-            _ensure_running()
-            self._process.start()
-        for one in given:
-            one.close()
+        try:
+            with _starting:
+                self._process.start()
+                # Whatever is begun next would ask it for its exit code, which comes once.
+                process._children.discard(self._process)  # type: ignore[attr-defined]
+        except (OSError, EOFError):
+            self.close()
+            raise
+        finally:
+            for one in given:
+                one.close()
+        self._code: int | None = None
+        self._asking = threading.Lock()
+        # Its number may be another process's once it has ended: what it is forked from has waited for it.
+        self._handle: int | None = None
+        with suppress(ProcessLookupError):
+            self._handle = os.pidfd_open(self.pid)
 
     def __enter__(self) -> Self:
         return self
@@ -84,24 +109,37 @@ class Program:
 
     def poll(self) -> int | None:
         """Its exit code, negative for a signal; None while it runs."""
-        with self._code:  # the code comes through a pipe, once
-            return self._process.exitcode
+        with self._asking:
+            if self._code is None and (self._handle is None or select.select([self._handle], [], [], 0.0)[0]):
+                connection.wait([self._process.sentinel], _CODE_S)
+                code = self._process.exitcode
+                self._code = _NO_CODE if code is None else code
+                if self._handle is not None:
+                    os.close(self._handle)
+                    self._handle = None
+            return self._code
 
     def wait(self, timeout: float | None = None) -> int:
         """Its exit code, once it has ended. Raises subprocess.TimeoutExpired."""
-        connection.wait([self._process.sentinel], timeout)
-        code = self.poll()
-        if code is None:
-            raise subprocess.TimeoutExpired(str(self._process.name), timeout or 0.0)
-        return code
+        with self._asking:
+            # One's own: another thread may close the other one meanwhile.
+            handle = None if self._handle is None else os.dup(self._handle)
+        if handle is not None:
+            try:
+                ended = select.select([handle], [], [], timeout)[0]
+            finally:
+                os.close(handle)
+            if not ended:
+                raise subprocess.TimeoutExpired(self._process.name, timeout or 0.0)
+        return self.poll() or 0
 
     def kill(self) -> None:
         """End it at once."""
-        self._process.kill()
+        self._signal(signal.SIGKILL)
 
     def terminate(self) -> None:
         """Ask it to end."""
-        self._process.terminate()
+        self._signal(signal.SIGTERM)
 
     def close(self) -> None:
         """Close the pipes."""
@@ -110,6 +148,11 @@ class Program:
                 with suppress(BrokenPipeError):  # closing writes what a dead program did not take
                     pipe.close()
 
+    def _signal(self, number: int) -> None:
+        with self._asking, suppress(ProcessLookupError):
+            if self._handle is not None:
+                signal.pidfd_send_signal(self._handle, number)
+
 
 def begin(
     command: Sequence[str], stdout: int | None = None, stderr: int | None = None, *, text: bool = True,
@@ -117,27 +160,19 @@ def begin(
 ) -> Program | subprocess.Popen[Any]:  # fmt: skip
     """Begin a command with a pipe to its standard input; `python -m` of what is loaded already as a `Program`."""
     own = dict(os.environ) if environment is None else dict(environment)
-    if tuple(command[:2]) == (sys.executable, "-m") and command[2] in _LOADED:
-        return Program(command[2], command[3:], stdout, stderr, text, own)
+    if tuple(command[:2]) == (sys.executable, "-m") and command[2] in _LOADED and _can_fork():
+        try:
+            return Program(command[2], command[3:], stdout, stderr, text, own)
+        except (OSError, EOFError) as error:
+            _log.warning("%s cannot be forked and loads everything itself: %s", command[2], in_words(error))
     return subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE if stdout is None else stdout, stderr=stderr, text=text,
-        env=own,
+        encoding="utf-8" if text else None, env=own,
     )  # fmt: skip
 
 
-def _ensure_running() -> None:
-    """Start what programs are forked from, where it does not run."""
-    _context.set_forkserver_preload(list(_LOADED))
-    before = {name: os.environ.get(name) for name in _NO_THREADS}
-    os.environ.update(_NO_THREADS)
-    try:
-        forkserver.ensure_running()
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
+def _can_fork() -> bool:
+    return hasattr(os, "pidfd_open") and "forkserver" in multiprocessing.get_all_start_methods()
 
 
 def _work(module: str, arguments: list[str], environment: dict[str, str], given: list[Connection]) -> None:
@@ -147,7 +182,7 @@ def _work(module: str, arguments: list[str], environment: dict[str, str], given:
         one.close()
     sys.stdin = open(0, encoding="utf-8", closefd=False)  # noqa: SIM115
     sys.stdout = open(1, "w", encoding="utf-8", closefd=False)  # noqa: SIM115
-    sys.stderr = open(2, "w", encoding="utf-8", buffering=1, closefd=False)  # noqa: SIM115
+    sys.stderr = open(2, "w", encoding="utf-8", errors="backslashreplace", buffering=1, closefd=False)  # noqa: SIM115
     os.environ.clear()
     os.environ.update(environment)
     sys.argv = [module, *arguments]

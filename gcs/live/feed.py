@@ -185,7 +185,7 @@ class LiveFeed:
             begun = time.monotonic()
             try:
                 self._run_once()
-            except OSError as error:
+            except Exception as error:  # whatever it is, the next life begins
                 self._failure = in_words(error)
             if self.ending.is_set():
                 return

@@ -58,7 +58,8 @@ class _Forked:
         os.waitpid(self._pid, 0)
 
     def kill(self) -> None:
-        os.kill(self._pid, signal.SIGKILL)
+        with suppress(ProcessLookupError):
+            os.kill(self._pid, signal.SIGKILL)
 
 
 class SecondProcess:

@@ -123,7 +123,7 @@ def _transformed(
     columns = np.column_stack([part.column(term) for term in terms])
     count = columns.shape[0]
     duration = (count - 1) * interval_s
-    lines = np.arange(max(int(np.ceil(low * duration)), 1), int(high * duration) + 1)
+    lines = np.arange(max(int(np.ceil(low * duration)), 1), min(int(high * duration), (count - 1) // 2) + 1)
     omega = 2.0 * np.pi * lines / duration
 
     def transform(values: Array) -> Complex:

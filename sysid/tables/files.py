@@ -6,9 +6,9 @@ import re
 import tomllib
 import zlib
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -26,8 +26,8 @@ _NO_VALUE = ("", "nan", "NaN", "NAN", "NA", "N/A", "null", "None", "-", "--", "i
 # Cells that are words and yet numbers, or none.
 _MEANT = {**dict.fromkeys(_NO_VALUE, np.nan), **dict.fromkeys(("true", "True", "TRUE"), 1.0),
           **dict.fromkeys(("false", "False", "FALSE"), 0.0)}  # fmt: skip
-_MOMENT = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d")
-_ZONE = re.compile(r"(?:Z|[+-]\d\d:?\d\d)$")
+_MOMENT = re.compile(r"(?P<moment>\d{4}-\d\d-\d\d[T ]\d\d:\d\d(?::\d\d(?:\.\d+)?)?) ?(?P<zone>Z|[+-]\d\d(?::?\d\d)?)?")
+_BLOCK_ROWS = 20_000
 # Share of cells that are no numbers, below which they are slips; and a number with a decimal comma.
 _FEW_WORDS = 0.2
 _COMMA = re.compile(r"[-+]?\d+,\d+")
@@ -159,48 +159,65 @@ def _text(path: Path, name: str) -> ColumnTable:
             )
     if not body:
         raise TableError(f"{name}: has a header and no rows")
-    columns, words = _of_cells(_rows(body, delimiter, len(headers), name), headers)
+    columns, words = _of_cells(body, delimiter, headers, name)
     _check_words(name, words, delimiter)
     said = {header: unit for header, unit in units.items() if header in columns}
     return ColumnTable(Path(name).stem, columns, said, None, tuple(words), tuple(warnings))
 
 
-def _rows(body: Sequence[str], delimiter: str, count: int, name: str) -> list[list[str]]:
-    """Cells of every row, as many as the header has."""
+def _of_cells(
+    body: Sequence[str], delimiter: str, headers: Sequence[str], name: str
+) -> tuple[dict[str, Array], dict[str, tuple[str, ...]]]:
+    """The columns that are numbers, moments as s since 1970, and the cells of the others."""
+    parts: dict[str, list[Array] | None] = {header: [] for header in headers}
+    for block in _blocks(body, delimiter, len(headers), name):
+        for header, cells in zip(headers, zip(*block, strict=True), strict=True):
+            known = parts[header]
+            values = None if known is None else _numbers_in(cells)
+            if known is None or values is None:
+                parts[header] = None
+            else:
+                known.append(values)
+    columns = {header: np.concatenate(known) for header, known in parts.items() if known is not None}
+    others: dict[str, list[str]] = {header: [] for header, known in parts.items() if known is None}
+    for block in _blocks(body, delimiter, len(headers), name) if others else ():
+        for header, cells in zip(headers, zip(*block, strict=True), strict=True):
+            if header in others:
+                others[header] += ["" if (word := cell.strip()) in _NO_VALUE else word for cell in cells]
+    moments = {header: _moments_in(cells) for header, cells in others.items()}
+    columns |= {header: values for header, values in moments.items() if values is not None}
+    words = {header: tuple(others[header]) for header, values in moments.items() if values is None}
+    return {header: columns[header] for header in headers if header in columns}, words
+
+
+def _blocks(body: Sequence[str], delimiter: str, count: int, name: str) -> Iterator[list[list[str]]]:
+    """Cells of every row, as many as the header has, in blocks of rows."""
     import csv
 
     # What ends a row in X-Plane's files is no cell.
-    lines = (line.rstrip().removesuffix("|") for line in body) if delimiter == "|" else body
-    try:
-        rows = list(csv.reader(lines, delimiter=delimiter))
-    except csv.Error as error:
-        raise TableError(f"{name}: is no table: {_line(error)}") from None
-    for number, cells in enumerate(rows):
-        if len(cells) != count:
+    lines = (line.rstrip().removesuffix("|") for line in body) if delimiter == "|" else iter(body)
+    reader, done = csv.reader(lines, delimiter=delimiter, skipinitialspace=delimiter == "|"), 0
+    while True:
+        try:
+            block = list(islice(reader, _BLOCK_ROWS))
+        except csv.Error as error:
+            raise TableError(f"{name}: is no table: {_line(error)}") from None
+        if not block:
+            return
+        wrong = next((number for number, cells in enumerate(block) if len(cells) != count), None)
+        if wrong is not None:
             raise TableError(
-                f"{name}: is no table: row {number + 1} of its values has {len(cells)} cells, the header {count}"
+                f"{name}: is no table: row {done + wrong + 1} of its values has {len(block[wrong])} cells, the header"
+                f" {count}"
             )
-    return rows
-
-
-def _of_cells(
-    rows: Sequence[Sequence[str]], headers: Sequence[str]
-) -> tuple[dict[str, Array], dict[str, tuple[str, ...]]]:
-    """The columns that are numbers, moments as s since 1970, and the cells of the others."""
-    columns, words = {}, {}
-    for header, cells in zip(headers, zip(*rows, strict=True), strict=True):
-        values = _numbers_in(cells)
-        if values is None:
-            values = _moments_in(cells)
-        if values is None:
-            words[header] = tuple("" if (word := cell.strip()) in _NO_VALUE else word for cell in cells)
-        else:
-            columns[header] = values
-    return columns, words
+        yield block
+        done += len(block)
 
 
 def _numbers_in(cells: Sequence[str]) -> Array | None:
     """(N,) numbers, NaN where there is none; None where a cell is something else."""
+    if not all(map(_is_plain, cells)):
+        return None
     try:
         values = np.array(list(map(float, cells)))
     except ValueError:
@@ -215,21 +232,24 @@ def _numbers_in(cells: Sequence[str]) -> Array | None:
 
 def _moments_in(cells: Sequence[str]) -> Array | None:
     """(N,) s since 1970 of moments by ISO 8601, in UTC where they name no zone; None where they are none."""
-    given = [cell.strip() for cell in cells]
-    known = np.array([cell not in _MEANT for cell in given])
-    moments = [cell for cell, is_known in zip(given, known, strict=True) if is_known]
-    if not all(_MOMENT.match(cell) for cell in moments):
+    moments = [_MOMENT.fullmatch(cell) for cell in cells if cell]
+    if not moments or None in moments:
         return None
-    values = np.full(len(given), np.nan)
     try:
-        if any(_ZONE.search(cell) for cell in moments):
-            zoned = [datetime.fromisoformat(cell) for cell in moments]
-            values[known] = [(one if one.tzinfo else one.replace(tzinfo=UTC)).timestamp() for one in zoned]
-        else:
-            values[known] = _seconds_of(np.array(moments, dtype="datetime64[ns]").astype(np.int64))
-    except (ValueError, OverflowError):
+        ns = np.array([one["moment"] for one in moments if one], dtype="datetime64[ns]").astype(np.int64)
+    except ValueError:
         return None
+    ns -= np.array([_zone_ns(one["zone"]) for one in moments if one])
+    values = np.full(len(cells), np.nan)
+    values[[bool(cell) for cell in cells]] = _seconds_of(ns)
     return values
+
+
+def _zone_ns(zone: str | None) -> int:
+    """How far a zone's clock is ahead of UTC."""
+    digits = "" if zone in (None, "", "Z") else str(zone)[1:].replace(":", "").ljust(4, "0")
+    minutes = 60 * int(digits[:2]) + int(digits[2:]) if digits else 0
+    return (-1 if str(zone).startswith("-") else 1) * minutes * 60_000_000_000
 
 
 def _check_words(name: str, words: Mapping[str, Sequence[str]], delimiter: str) -> None:
@@ -239,7 +259,7 @@ def _check_words(name: str, words: Mapping[str, Sequence[str]], delimiter: str) 
         if said and delimiter != "," and all(_COMMA.fullmatch(cell) for cell in said):
             raise TableError(f"{name}: column {header!r} has decimal commas ({said[0]}): save it with points")
         wrong = [cell for cell in said if not _is_number(cell)]
-        if said and len(wrong) < _FEW_WORDS * len(said):
+        if wrong and len(wrong) < _FEW_WORDS * len(said):
             raise TableError(
                 f"{name}: column {header!r} holds {wrong[0][:40]!r} in row {cells.index(wrong[0]) + 1} of its values"
                 " among numbers: correct the cell, or leave it empty"
@@ -411,7 +431,12 @@ def _is_number(cell: str) -> bool:
         float(cell)
     except ValueError:
         return False
-    return True
+    return _is_plain(cell)
+
+
+def _is_plain(cell: str) -> bool:
+    """Whether a cell has nothing of what Python takes for a number and no logger writes."""
+    return "_" not in cell and cell.isascii()
 
 
 def _distinct(headers: list[str]) -> list[str]:

@@ -52,7 +52,7 @@ def run(program: str, *arguments: object) -> subprocess.CompletedProcess[str]:
             with redirect_stdout(out), redirect_stderr(error):
                 code = main(given)
         except SystemExit as ended:
-            code = int(ended.code or 0)
+            code = ended.code if isinstance(ended.code, int) else int(bool(ended.code))
         finally:
             if token is not None:
                 os.environ["GCS_TOKEN"] = token

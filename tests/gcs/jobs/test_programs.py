@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from multiprocessing import forkserver
 from pathlib import Path
 
@@ -73,6 +74,44 @@ def test_the_process_that_they_are_forked_from_is_begun_again_when_it_was_killed
         before = forkserver._forkserver._forkserver_pid  # type: ignore[attr-defined]
         os.kill(before, signal.SIGKILL)
         wait_until(lambda: gone(before))  # noqa: B023
+
+
+def test_exit_codes_are_their_own_though_many_end_at_once() -> None:
+    def codes(_: int) -> list[int]:
+        found = []
+        for _ in range(25):
+            with begin(REPORT) as program:
+                pass
+            found.append(program.poll())
+        return found
+
+    with ThreadPoolExecutor(4) as pool:
+        assert {code for found in pool.map(codes, range(4)) for code in found} == {1}
+
+
+def test_one_can_be_ended_though_what_it_was_forked_from_is_gone() -> None:
+    with begin(WORKER) as program:
+        before = forkserver._forkserver._forkserver_pid  # type: ignore[attr-defined]
+        os.kill(before, signal.SIGKILL)
+        wait_until(lambda: gone(before))
+        assert program.poll() is None
+        program.kill()
+        assert program.wait(PATIENCE_S) == 255
+        assert gone(program.pid)
+
+
+def test_where_none_can_be_forked_a_program_loads_everything_itself(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def lost(self: object) -> None:
+        raise EOFError("unexpected EOF")
+
+    monkeypatch.setattr("multiprocessing.context.ForkServerProcess.start", lost)
+    with begin(REPORT) as program:
+        assert isinstance(program, subprocess.Popen)
+        program.communicate("", timeout=PATIENCE_S)
+    assert program.returncode == 1
+    assert "gcs.jobs.reportworker cannot be forked and loads everything itself" in caplog.text
 
 
 def test_nothing_outlives_a_service_that_is_killed() -> None:

@@ -48,16 +48,16 @@ def test_parquet_without_its_library_is_one_line(tmp_path: Path, monkeypatch: py
         read_table(tmp_path / "a.parquet")
 
 
-@pytest.mark.parametrize("zone", ["", "Z", "+00:00"])
-def test_words_that_are_numbers_and_moments_of_any_zone(tmp_path: Path, zone: str) -> None:
-    rows = [f"2026-05-01 10:00:0{i}.25{zone},{'true' if i % 2 else 'False'},{i}e-1,now,2026-05-01" for i in range(5)]
-    rows[3] = ",TRUE,inf,now,"
-    (tmp_path / "a.csv").write_text("when,on,x,word,day\n" + "\n".join(rows))
+@pytest.mark.parametrize(("zone", "ahead_h"), [("", 0.0), ("Z", 0.0), ("+00:00", 0.0), ("+02", 2.0), ("-0330", -3.5)])
+def test_words_that_are_numbers_and_moments_of_any_zone(tmp_path: Path, zone: str, ahead_h: float) -> None:
+    rows = [f"2026-05-01 10:00:0{i}.25{zone},{['False', 'true'][i % 2]},{i}e-1,now,2026-05-01,{i}_0" for i in range(5)]
+    rows[3] = ",TRUE,inf,now,,3_0"
+    (tmp_path / "a.csv").write_text("when,on,x,word,day,id\n" + "\n".join(rows))
     table = read_table(tmp_path / "a.csv")
-    assert table.left_out == ("word", "day")
+    assert table.left_out == ("word", "day", "id")
     assert table.columns["on"].tolist() == [0.0, 1.0, 0.0, 1.0, 0.0]
     np.testing.assert_array_equal(table.columns["x"], [0.0, 0.1, 0.2, np.nan, 0.4])
-    first = 1777629600.25
+    first = 1777629600.25 - 3600.0 * ahead_h
     np.testing.assert_array_equal(table.columns["when"], [first, first + 1, first + 2, np.nan, first + 4])
 
 
