@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import os
-import subprocess
 import sys
 import threading
 from collections.abc import Sequence
+from contextlib import suppress
+from tempfile import TemporaryFile
 from typing import Any
 
 from gcs.errors import BusyError, ReportError, ServiceError
-from gcs.jobs.runner import python_path
+from gcs.jobs.programs import begin
+from gcs.jobs.runner import end_late, python_path
 from gcs.text.jsontext import dumps
 
 _LONGEST_S = 120.0
@@ -39,21 +41,28 @@ class Reports:
             self._places.release()
 
     def _made(self, result: dict[str, Any]) -> str:
-        try:
-            made = subprocess.run(
-                self._worker,
-                input=dumps(result),
-                capture_output=True,
-                encoding="utf-8",
-                env={**os.environ, "PYTHONPATH": python_path(), "PYTHONIOENCODING": "utf-8"},
-                timeout=_LONGEST_S,
-                check=False,
-            )
-        except subprocess.TimeoutExpired:
-            raise ServiceError(
-                f"the report was not made within {_LONGEST_S:g} s; make it by hand with gcs report"
-            ) from None
-        if made.returncode != 0:
-            lines = made.stderr.strip().splitlines()
-            raise ReportError(lines[-1] if lines else f"the report failed (exit code {made.returncode})")
-        return made.stdout
+        late = threading.Event()
+        environment = {**os.environ, "PYTHONPATH": python_path(), "PYTHONIOENCODING": "utf-8"}
+        with (
+            TemporaryFile("w+", encoding="utf-8") as errors,
+            begin(self._worker, None, errors.fileno(), environment=environment) as process,
+        ):
+            assert process.stdin is not None
+            assert process.stdout is not None
+            watchdog = threading.Timer(_LONGEST_S, end_late, (process, late))
+            watchdog.start()
+            try:
+                with suppress(BrokenPipeError):  # it died at its start; its last words say why
+                    process.stdin.write(dumps(result))
+                    process.stdin.close()
+                page = str(process.stdout.read())
+                code = process.wait()
+            finally:
+                watchdog.cancel()
+            errors.seek(0)
+            lines = errors.read().strip().splitlines()
+        if late.is_set():
+            raise ServiceError(f"the report was not made within {_LONGEST_S:g} s; make it by hand with gcs report")
+        if code != 0:
+            raise ReportError(lines[-1] if lines else f"the report failed (exit code {code})")
+        return page

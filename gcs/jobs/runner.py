@@ -283,7 +283,7 @@ class JobRunner:
         assert process.stdin is not None
         assert process.stdout is not None
         late = threading.Event()
-        watchdog = threading.Timer(self._longest_s, _end_late, (process, late))
+        watchdog = threading.Timer(self._longest_s, end_late, (process, late))
         watchdog.daemon = True
         watchdog.start()
         try:
@@ -393,7 +393,8 @@ def _number(given: object) -> float:
     return float(given) if isinstance(given, int | float) and math.isfinite(given) else 0.0
 
 
-def _end_late(process: Program | subprocess.Popen[str], late: threading.Event) -> None:
+def end_late(process: Program | subprocess.Popen[str], late: threading.Event) -> None:
+    """End a program that takes too long, and say so."""
     late.set()
     process.kill()
 

@@ -6,9 +6,10 @@ import sys
 import threading
 from pathlib import Path
 
+import pytest
 from traffic import wait_until
 
-from gcs.errors import ServiceError
+from gcs.errors import ReportError, ServiceError
 from gcs.jobs.reports import Reports
 
 WAITING = """
@@ -42,3 +43,15 @@ def test_a_report_that_too_many_wait_for_is_asked_for_again(tmp_path: Path) -> N
         asker.join()
     assert answers.count("<html>") == 4
     assert reports.page({}) == "<html>\n"
+
+
+def test_why_none_was_made_is_its_last_word_and_one_that_takes_too_long_is_ended(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with pytest.raises(ReportError, match="names no schema"):
+        Reports().page({})
+    with pytest.raises(ReportError, match="exit code 3"):
+        Reports((sys.executable, "-c", "import sys; sys.exit(3)")).page({"much": "x" * 1_000_000})
+    monkeypatch.setattr("gcs.jobs.reports._LONGEST_S", 0.2)
+    with pytest.raises(ServiceError, match=r"not made within 0.2 s; make it by hand"):
+        Reports((sys.executable, "-c", "import time; time.sleep(600)")).page({})
