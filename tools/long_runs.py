@@ -231,6 +231,7 @@ BENCHMARKS = {
     ),
     "posterior": LongRun("benchmarks/posterior.py", "the search of `map`, against scipy and output error"),
     "job": LongRun("benchmarks/job.py", "`gcs identify` from file to result"),
+    "programs": LongRun("benchmarks/programs.py", "how soon a job, an upload or a report begins, against python -m"),
     "page": LongRun("benchmarks/page.py", "the answers that plot a flight of one hour"),
     "peers": LongRun("benchmarks/peers.py", "whole identifications, against AeroID, scipy, statsmodels", needs="bench"),
     "discrepancy-peers": LongRun(
