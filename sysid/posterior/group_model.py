@@ -65,8 +65,9 @@ _OF_AIRSPEED = {
     )
 }
 _OF_VANE = frozenset(("alpha_scale", "beta_scale", "vane_clock", "vane_log_frequency", "vane_log_damping"))
-# All that records of the same part differ by, and how many of them are kept.
+# All that records of the same part differ by.
 _CHANGES_INPUT = sorted({*_DRIVING, *_OF_VANE, *_OF_AIRSPEED})
+# So many of them are kept.
 _MOST_RECORDS = 16
 
 

@@ -27,6 +27,7 @@ _NO_VALUE = ("", "nan", "NaN", "NAN", "NA", "N/A", "null", "None", "-", "--", "i
 _MEANT = {**dict.fromkeys(_NO_VALUE, np.nan), **dict.fromkeys(("true", "True", "TRUE"), 1.0),
           **dict.fromkeys(("false", "False", "FALSE"), 0.0)}  # fmt: skip
 _MOMENT = re.compile(r"(?P<moment>\d{4}-\d\d-\d\d[T ]\d\d:\d\d(?::\d\d(?:\.\d+)?)?) ?(?P<zone>Z|[+-]\d\d(?::?\d\d)?)?")
+# Rows of a text that are taken together.
 _BLOCK_ROWS = 20_000
 # Share of cells that are no numbers, below which they are slips; and a number with a decimal comma.
 _FEW_WORDS = 0.2
