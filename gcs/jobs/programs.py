@@ -92,8 +92,14 @@ class Program:
         self._asking = threading.Lock()
         # Its number may be another process's once it has ended: what it is forked from has waited for it.
         self._handle: int | None = None
-        with suppress(ProcessLookupError):
+        try:
             self._handle = os.pidfd_open(self.pid)
+        except ProcessLookupError:
+            pass  # it has ended already
+        except OSError:  # as under an old seccomp profile
+            self._process.kill()
+            self.close()
+            raise
 
     def __enter__(self) -> Self:
         return self
