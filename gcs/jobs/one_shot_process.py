@@ -7,7 +7,6 @@ so none outlives the service.
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import threading
 from collections.abc import Mapping, Sequence
@@ -17,7 +16,7 @@ from typing import Any
 
 from gcs.errors import GcsError, ServiceError
 from gcs.jobs.programs import Program, begin
-from gcs.jobs.runner import last_words, python_path
+from gcs.jobs.runner import last_words
 from gcs.text.jsontext import dumps
 
 # What a file says of itself comes in the answer; the service keeps that in memory.
@@ -70,7 +69,7 @@ class AskedOnce:
 
     def _run(self, order: str, stdout: int, stderr: int, what: str, failed: type[GcsError]) -> int:
         """Run the program; its exit code."""
-        process = begin(self._command, stdout, stderr, environment={**os.environ, "PYTHONPATH": python_path()})
+        process = begin(self._command, stdout, stderr)
         with self._lock:
             self._process = process
             if self._closed:

@@ -21,6 +21,7 @@ from contextlib import suppress
 from importlib import import_module
 from multiprocessing import connection, process
 from multiprocessing.connection import Connection
+from pathlib import Path
 from typing import IO, Any, Self
 
 from gcs.errors import in_words
@@ -162,10 +163,16 @@ class Program:
 
 def begin(
     command: Sequence[str], stdout: int | None = None, stderr: int | None = None, *, text: bool = True,
-    environment: Mapping[str, str] | None = None,
+    variables: Mapping[str, str] | None = None,
 ) -> Program | subprocess.Popen[Any]:  # fmt: skip
-    """Begin a command with a pipe to its standard input; `python -m` of what is loaded already as a `Program`."""
-    own = dict(os.environ) if environment is None else dict(environment)
+    """Begin a command with a pipe to its standard input; `python -m` of what is loaded already as a `Program`.
+
+    variables: of its environment, beside those of this process. It imports the same packages as this process, installed
+    or not, and its text is UTF-8 whatever the locale.
+    """
+    root = str(Path(__file__).resolve().parents[2])
+    path = os.pathsep.join([root, *filter(None, [os.environ.get("PYTHONPATH")])])
+    own = {**os.environ, "PYTHONPATH": path, "PYTHONIOENCODING": "utf-8", **(variables or {})}
     if tuple(command[:2]) == (sys.executable, "-m") and command[2] in _LOADED and _can_fork():
         try:
             return Program(command[2], command[3:], stdout, stderr, text, own)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 import threading
 from collections.abc import Sequence
@@ -12,7 +11,7 @@ from typing import Any
 
 from gcs.errors import BusyError, ReportError, ServiceError
 from gcs.jobs.programs import begin
-from gcs.jobs.runner import end_late, python_path
+from gcs.jobs.runner import end_late
 from gcs.text.jsontext import dumps
 
 _LONGEST_S = 120.0
@@ -42,10 +41,9 @@ class Reports:
 
     def _made(self, result: dict[str, Any]) -> str:
         late = threading.Event()
-        environment = {**os.environ, "PYTHONPATH": python_path(), "PYTHONIOENCODING": "utf-8"}
         with (
             TemporaryFile("w+", encoding="utf-8") as errors,
-            begin(self._worker, None, errors.fileno(), environment=environment) as process,
+            begin(self._worker, None, errors.fileno()) as process,
         ):
             assert process.stdin is not None
             assert process.stdout is not None

@@ -10,7 +10,6 @@ import contextlib
 import json
 import logging
 import math
-import os
 import subprocess
 import sys
 import tempfile
@@ -273,9 +272,7 @@ class JobRunner:
         order = self._order(job, folder)
         errors = folder / "stderr"
         with errors.open("w", encoding="utf-8") as stderr:
-            process = begin(
-                self._worker, None, stderr.fileno(), environment={**os.environ, "PYTHONPATH": python_path()}
-            )
+            process = begin(self._worker, None, stderr.fileno())
         with self._lock:
             self._process, self._running = process, job.id
             if self._stopping.is_set() or job.id in self._cancelled:
@@ -397,13 +394,6 @@ def end_late(process: Program | subprocess.Popen[str], late: threading.Event) ->
     """End a program that takes too long, and say so."""
     late.set()
     process.kill()
-
-
-def python_path() -> str:
-    """The worker imports the same packages as the service, installed or not."""
-    root = str(Path(__file__).resolve().parents[2])
-    given = os.environ.get("PYTHONPATH")
-    return root + os.pathsep + given if given else root
 
 
 def last_words(code: int, errors: Path) -> str:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import logging
 import math
-import os
 import subprocess
 import sys
 import threading
@@ -199,8 +198,7 @@ class LiveFeed:
     def _run_once(self) -> None:
         """One life of the process."""
         self._failure = ""
-        environment = {**os.environ, **_ONE_THREAD}
-        with begin(self._command, text=False, environment=environment) as process:
+        with begin(self._command, text=False, variables=_ONE_THREAD) as process:
             self._process = process
             assert process.stdin is not None
             assert process.stdout is not None
