@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from gcs.report.discrepancy_figures import STAGES, shown_gaps
-from gcs.report.markup import estimate, number, p_value, probability, table, text
+from gcs.report.markup import estimate, number, p_value, probability, standard_error, table, text
 from gcs.text.intervals import interval
 
 Result = Mapping[str, Any]
@@ -31,7 +31,7 @@ def effects(result: Result) -> list[str]:
         for name, entry in effect.get("parameters", {}).items():
             ends, std = interval(entry), entry.get("std")
             between = "–" if ends is None else f"{estimate(ends[0], std)} … {estimate(ends[1], std)}"
-            rows.append([f"<code>{text(name)}</code>", estimate(entry["value"], std), number(std, 2), between])
+            rows.append([f"<code>{text(name)}</code>", estimate(entry["value"], std), standard_error(std), between])
         title = effect.get("title", effect["name"])
         found.append(f"<p>{text(title)}: probability {probability(effect.get('probability'))}.</p>")
         found.append(table(f"Parameters of {title}", ["parameter", "value", "± (1 σ)", "95 % interval"], rows))

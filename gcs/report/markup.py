@@ -52,6 +52,11 @@ def estimate(value: float, std: float | None, factor: float = 1.0) -> str:
     return f'<data value="{value!r}">{digits}</data>'
 
 
+def standard_error(std: float | None) -> str:
+    """A standard error to two digits, the last one too where it is zero."""
+    return NONE if std is None else estimate(std, std)
+
+
 def decimals(value: float, std: float | None) -> int | None:
     """Decimal places that show two digits of the standard error; None where digits do not show it."""
     if std is None or not 0.0 < std < math.inf or abs(value) >= 1e6:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from gcs.report.markup import NONE, estimate, number, p_value, shown, table, text
+from gcs.report.markup import NONE, estimate, number, p_value, shown, standard_error, table, text
 from gcs.report.symbols import axis_symbol, symbol
 from gcs.text.intervals import interval
 from gcs.text.meanings import meaning
@@ -36,7 +36,7 @@ def _estimate_cells(entry: Mapping[str, Any]) -> list[str]:
     ends = interval(entry)
     between = NONE if ends is None else f"{estimate(ends[0], std)} … {estimate(ends[1], std)}"
     relative = NONE if std is None or value == 0.0 else _percent(100.0 * std / abs(value))
-    return [estimate(value, std), number(std, 2), between, relative]
+    return [estimate(value, std), standard_error(std), between, relative]
 
 
 def _named(name: str) -> str:
@@ -68,7 +68,7 @@ def coefficients(model: Result) -> str:
     """Every coefficient estimated, with its error bars."""
     entries = _estimated(model)
     rows = [
-        [_explained(name), *_estimate_cells(entry), number(entry.get("statistical_std"), 2)]
+        [_explained(name), *_estimate_cells(entry), standard_error(entry.get("statistical_std"))]
         for name, entry in entries.items()
     ]
     head = ["coefficient", "value", "± (1 σ)", "95 % interval", "relative σ", "σ of the flight alone"]
@@ -185,7 +185,7 @@ def modes(result: Result) -> str:
         for key in keys:
             entry = mode.get(key)
             cells.append(
-                NONE if entry is None else f"{estimate(entry['value'], entry['std'])} ± {number(entry['std'], 2)}"
+                NONE if entry is None else f"{estimate(entry['value'], entry['std'])} ± {standard_error(entry['std'])}"
             )
         rows.append([text(mode["name"]), *cells])
     head = ["mode", "undamped natural frequency, Hz", "damping ratio", "time constant, s"]
