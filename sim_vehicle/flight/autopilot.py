@@ -7,6 +7,7 @@ without effect stays at rest.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -93,7 +94,7 @@ class Autopilot:
         self._climb_thrust = _per(self._gravity, thrust)
         self._throttle_offset = 0.0
         self._pitch_offset = 0.0
-        self._grip = np.ones(2)
+        self._grip: tuple[float, ...] = (1.0, 1.0)
 
     def command(self, read: Mapping[str, float], targets: Targets, freed: tuple[bool, bool], added: Array) -> Array:
         """Command (4,) elevator, aileron, rudder (rad), throttle (0 to 1) for the tick that begins.
@@ -102,11 +103,13 @@ class Autopilot:
         added: (4,) the manoeuvre's increments.
         """
         upset = abs(read["phi"]) > _UPSET_BANK or abs(read["theta"]) > _UPSET_PITCH
-        goal = np.array([0.0 if free and not upset else 1.0 for free in freed])
         if upset:
             added = np.zeros(4)
-        self._grip += np.clip(goal - self._grip, -self._dt / _BLEND_S, self._dt / _BLEND_S)
-        pitch_grip, roll_grip = self._grip
+        most = self._dt / _BLEND_S
+        pitch_grip, roll_grip = self._grip = tuple(
+            grip + min(max((0.0 if free and not upset else 1.0) - grip, -most), most)
+            for free, grip in zip(freed, self._grip, strict=True)
+        )
         climb = 0.5 * (targets.altitude - read["altitude"]) / self._speed
         climb = min(max(climb, -_LARGEST_CLIMB), _LARGEST_CLIMB)
         lag = targets.airspeed - read["airspeed"]
@@ -117,7 +120,7 @@ class Autopilot:
         bank, yaw = self._lateral(read, targets, roll_grip)
         out[1] += bank
         out[2] += yaw
-        return np.clip(out, self._limits[:, 0], self._limits[:, 1])
+        return np.asarray(np.minimum(np.maximum(out, self._limits[:, 0]), self._limits[:, 1]))
 
     def _pitch(self, read: Mapping[str, float], climb: float) -> float:
         return self._pitch_angle * (self._theta + climb - read["theta"]) - self._pitch_rate * read["q"]
@@ -133,9 +136,9 @@ class Autopilot:
         self._pitch_offset += 0.5 * self._pitch_angle * error * self._dt
 
     def _lateral(self, read: Mapping[str, float], targets: Targets, grip: float) -> tuple[float, float]:
-        turn = np.arctan2(np.sin(targets.heading - read["psi"]), np.cos(targets.heading - read["psi"]))
-        bank = min(max(0.25 * self._speed / self._gravity * float(turn), -_LARGEST_BANK), _LARGEST_BANK)
+        turn = math.atan2(math.sin(targets.heading - read["psi"]), math.cos(targets.heading - read["psi"]))
+        bank = min(max(0.25 * self._speed / self._gravity * turn, -_LARGEST_BANK), _LARGEST_BANK)
         share = _BANK_REST + (1.0 - _BANK_REST) * grip
         hold = self._bank_angle * (self._phi + grip * bank - read["phi"]) - grip * self._roll_rate * read["p"]
-        coordinated = self._gravity / self._speed * np.sin(read["phi"]) * np.cos(read["theta"])
-        return share * hold, -grip * self._yaw_rate * (read["r"] - float(coordinated))
+        coordinated = self._gravity / self._speed * math.sin(read["phi"]) * math.cos(read["theta"])
+        return share * hold, -grip * self._yaw_rate * (read["r"] - coordinated)

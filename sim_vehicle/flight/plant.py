@@ -14,7 +14,7 @@ from sim_vehicle.flight.state import PlantState, Trim
 from sim_vehicle.flight.trim import solve_trim
 from sim_vehicle.model.model_file import Model
 from sim_vehicle.physics.actuation import start_actuators
-from sim_vehicle.physics.atmosphere import density
+from sim_vehicle.physics.atmosphere import air_at
 from sim_vehicle.physics.dynamics import derivatives
 from sim_vehicle.physics.ideal_sensors import read_sensors
 from sim_vehicle.physics.kernel_records import Moment, TickInputs, TickState, TickWork
@@ -71,7 +71,7 @@ class Plant:
     def density(self, altitude: float) -> float:
         """Air density [kg/m3]: the vehicle file's, else that of the standard atmosphere at `altitude` [m]."""
         fixed = self.vehicle.environment.air_density
-        return float(density(altitude)) if fixed is None else fixed
+        return air_at(altitude)[2] if fixed is None else fixed
 
     def trim(self, airspeed: float | None = None, altitude: float | None = None, climb_angle: float = 0.0) -> Trim:
         """Steady straight flight at `airspeed` [m/s], `altitude` [m], `climb_angle` [rad]; else TrimError."""
@@ -177,15 +177,14 @@ class Plant:
 
     def outputs(self, state: PlantState) -> Array:
         """True values at the centre of gravity, in the order of OUTPUTS."""
-        x, W = state.x, state.work
+        x, W, surfaces = state.x.tolist(), state.work.tolist(), state.surfaces.tolist()
         phi, theta, psi = euler_angles(*x[6:10])
         thrust = W[Aux.thrust]
-        P = self.flat.P
-        rpm = rotor_speed(float(state.surfaces[3]), float(thrust), P) * 30.0 / math.pi
+        rpm = rotor_speed(surfaces[3], thrust, self.flat.P) * 30.0 / math.pi
         return np.array(
             [
                 W[Aux.V], W[Aux.alpha], W[Aux.beta], x[10], x[11], x[12], phi, theta,
-                psi, W[Aux.ax], W[Aux.ay], W[Aux.az], x[0], x[1], x[2], *state.reading[14:17], *state.surfaces,
+                psi, W[Aux.ax], W[Aux.ay], W[Aux.az], x[0], x[1], x[2], *state.reading[14:17].tolist(), *surfaces,
                 thrust, rpm, W[Aux.rho], W[Aux.p_dot], W[Aux.q_dot], W[Aux.r_dot], *W[Aux.CL : Aux.Cn + 1],
             ]
         )  # fmt: skip

@@ -8,6 +8,7 @@ leave the process but by `true_errors`.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -179,6 +180,7 @@ class SensorSuite:
         self._airspeed_is_true = vehicle.sensors.airspeed.kind == "true"
         self.board: AnalogueBoard | None = load_analogue(vehicle.path)
         self._rates = {**RATES_HZ, **(rates_hz or {})}
+        self._signals = {group: self._carried(group) for group in self._rates}
         self._taken = dict.fromkeys(self._rates, -1)
         self._values: dict[str, float] = {}
         self._channels = tuple(self._errors)
@@ -208,8 +210,7 @@ class SensorSuite:
 
         ideal: what perfect sensors read, SI: every channel of TABLE_II but temperature, and north, east, rho.
         """
-        altitude = ideal["altitude"]
-        ideal = {**ideal, "temperature": float(atmosphere.temperature(altitude))}
+        ideal = {**ideal, "temperature": atmosphere.air_at(ideal["altitude"])[0]}
         true = np.array([ideal[name] for name in self._channels])
         if self._lagged is None:
             self._lagged = true.copy()
@@ -217,19 +218,18 @@ class SensorSuite:
         noise = self._sigma * self._generator.standard_normal(true.size)
         read = self._gain * self._lagged + self._bias + noise
         coarse = self._coarse
-        read[coarse] = np.round(read[coarse] / self._quantum[coarse]) * self._quantum[coarse]
+        read[coarse] = (read[coarse] / self._quantum[coarse]).round() * self._quantum[coarse]
         fresh = {**dict(zip(self._channels, read.tolist(), strict=True)), "north": ideal["north"]}
         self._failures.read(time_s, fresh)
         self._derive(fresh, ideal)
         fresh |= self._second_readings(ideal)
         due = frozenset(group for group in self._rates if self._is_due(group, time_s)) - self._failures.lost(time_s)
         for group in due:
-            names = self.signals_of(group)
-            self._values.update({name: fresh[name] for name in names})
+            self._values.update({name: fresh[name] for name in self._signals[group]})
         return Reading(dict(self._values), due)
 
     def _is_due(self, group: str, time_s: float) -> bool:
-        number = int(np.floor(time_s * self._rates[group] + 1e-6))
+        number = math.floor(time_s * self._rates[group] + 1e-6)
         if number == self._taken[group]:
             return False
         self._taken[group] = number
@@ -237,6 +237,9 @@ class SensorSuite:
 
     def signals_of(self, group: str) -> tuple[str, ...]:
         """Names of the signals that a group carries, second sensors with the first ones."""
+        return self._signals[group]
+
+    def _carried(self, group: str) -> tuple[str, ...]:
         if group == "adc":
             return tuple(f"adc{channel.adc}" for channel in self.board.channels) if self.board else ()
         return (*GROUPS[group], *(name for name in self._second if SECOND_SENSORS[name].of in GROUPS[group]))
@@ -260,22 +263,19 @@ class SensorSuite:
     def _derive(self, fresh: dict[str, float], ideal: Mapping[str, float]) -> None:
         """Signals that share a sensor with another one share its error."""
         for angle in ("phi", "psi"):
-            fresh[angle] = float(np.arctan2(np.sin(fresh[angle]), np.cos(fresh[angle])))
-        fresh["static_pressure"] = float(atmosphere.pressure(fresh["altitude"]))
+            fresh[angle] = math.atan2(math.sin(fresh[angle]), math.cos(fresh[angle]))
+        fresh["static_pressure"] = atmosphere.air_at(fresh["altitude"])[1]
         airspeed = fresh["airspeed"]
         ratio = ideal["rho"] / SEA_LEVEL_DENSITY if self._airspeed_is_true else 1.0
-        calibrated = airspeed * np.sqrt(ratio)
+        calibrated = airspeed * math.sqrt(ratio)
         fresh["differential_pressure"] = float(atmosphere.dynamic_pressure(calibrated))
         self._place(fresh, ideal)
         if self.board:
-            felt = {**fresh, "airspeed": calibrated}
-            for channel in self.board.channels:
-                volts = channel.volts(felt[channel.signal])
-                fresh[f"adc{channel.adc}"] = float(volts if self._exact else self.board.converted(volts))
+            fresh |= self.board.read({**fresh, "airspeed": calibrated}, exact=self._exact)
 
     def _place(self, fresh: dict[str, float], ideal: Mapping[str, float]) -> None:
-        decay = float(np.exp(-self._dt / GPS_CORRELATION_S))
-        drive = 0.0 if self._exact else GPS_POSITION_NOISE * np.sqrt(1.0 - decay**2)
+        decay = math.exp(-self._dt / GPS_CORRELATION_S)
+        drive = 0.0 if self._exact else GPS_POSITION_NOISE * math.sqrt(1.0 - decay**2)
         self._gps_error = decay * self._gps_error + drive * self._generator.standard_normal(3)
         north, east = fresh["north"] + self._gps_error[0], ideal["east"] + self._gps_error[1]
         fresh["lat"], fresh["lon"] = degrees_from_home(float(north), float(east))

@@ -6,6 +6,8 @@ geopotential; below 1 km the geometric altitude differs from it by less than 0.1
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -55,6 +57,19 @@ def density(altitude: ArrayLike) -> Array:
     ICAO Doc 7488/3 (the same constants as the U.S. Standard Atmosphere 1976 below 20 km).
     """
     return np.asarray(pressure(altitude) / (GAS_CONSTANT * temperature(altitude)))
+
+
+def air_at(altitude: float) -> tuple[float, float, float]:
+    """Temperature, K, static pressure, Pa, and density, kg/m^3, at one geopotential `altitude`, m (up to 20 km).
+
+    The same as `temperature`, `pressure` and `density`, for a loop that asks for one altitude at a time.
+    """
+    kelvin = SEA_LEVEL_TEMPERATURE - LAPSE_RATE * min(altitude, TROPOPAUSE)
+    if altitude <= TROPOPAUSE:
+        pascal = SEA_LEVEL_PRESSURE * (kelvin / SEA_LEVEL_TEMPERATURE) ** _EXPONENT
+    else:
+        pascal = _TROPOPAUSE_PRESSURE * math.exp(-(altitude - TROPOPAUSE) / _SCALE_HEIGHT)
+    return kelvin, pascal, pascal / (GAS_CONSTANT * kelvin)
 
 
 def pressure_altitude(static_pressure: ArrayLike) -> Array:

@@ -13,6 +13,7 @@ in SI.
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -38,9 +39,12 @@ class AnalogueChannel:
 
     def volts(self, value: ArrayLike) -> Array:
         """Volts at the converter's input for the signal's value, SI."""
-        x = np.asarray(value, dtype=np.float64)
-        powers = x * np.abs(x) if self.form == "pitot" else x
-        return np.asarray(np.polynomial.polynomial.polyval(powers, self.coefficients))
+        x: Any = value if isinstance(value, float) else np.asarray(value, dtype=np.float64)
+        powers = x * abs(x) if self.form == "pitot" else x
+        volts = 0.0 * powers
+        for coefficient in reversed(self.coefficients):
+            volts = volts * powers + coefficient
+        return np.asarray(volts)
 
 
 @dataclass(frozen=True)
@@ -50,6 +54,12 @@ class AnalogueBoard:
     supply: float
     bits: int
     channels: tuple[AnalogueChannel, ...]
+
+    def read(self, values: Mapping[str, float], *, exact: bool) -> dict[str, float]:
+        """Volts of every channel, `adc3` and so on, for the signals' values, SI. exact: not in steps."""
+        volts = np.array([channel.volts(values[channel.signal]) for channel in self.channels])
+        names = [f"adc{channel.adc}" for channel in self.channels]
+        return dict(zip(names, (volts if exact else self.converted(volts)).tolist(), strict=True))
 
     def converted(self, volts: ArrayLike) -> Array:
         """Volts as the converter reads them: whole steps of supply / 2^bits, within its range."""

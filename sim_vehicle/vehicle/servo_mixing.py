@@ -28,6 +28,7 @@ class ServoOutputs:
         }
         rising = {servo: np.argsort(ys) for servo, (_, ys) in curves.items()}
         self._curves = {servo: (xs[rising[servo]], ys[rising[servo]]) for servo, (xs, ys) in curves.items()}
+        self._deflections: dict[tuple[int, tuple[int, ...]], float] = {}
         self._columns = [CONTROLS.index(name) for name in self._controls]
         self._measured = frozenset(
             servo for control in vehicle.controls.values() if control.signal == "position" for servo in control.servos
@@ -49,14 +50,19 @@ class ServoOutputs:
         travel = self._mixing @ command[self._columns]
         return {
             servo: round(float(np.interp(value, self._curves[servo][1], self._curves[servo][0])))
-            for servo, value in zip(self._servos, travel, strict=True)
+            for servo, value in zip(self._servos, travel.tolist(), strict=True)
         }
 
     def command(self, pulses: dict[int, int], asked: Array) -> Array:
         """Command (4,) that these pulses stand for; a control without servos keeps what was `asked`."""
         out = asked.copy()
         for column, control in zip(self._columns, self._controls.values(), strict=True):
-            out[column] = float(control.deflection_from_pwm(*(pulses[servo] for servo in control.servos)))
+            asked_of = tuple(pulses[servo] for servo in control.servos)
+            known = self._deflections.get((column, asked_of))
+            if known is None:
+                # Whole microseconds come again and again.
+                known = self._deflections[column, asked_of] = float(control.deflection_from_pwm(*asked_of))
+            out[column] = known
         return out
 
     def reported(self, pulses: dict[int, int], surfaces: Array) -> dict[int, int]:

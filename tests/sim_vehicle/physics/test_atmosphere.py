@@ -22,6 +22,7 @@ def test_table_values(altitude: float, kelvin: float, pascal: float, kg_m3: floa
     assert atmosphere.temperature(altitude) == pytest.approx(kelvin, abs=5e-4)
     assert atmosphere.pressure(altitude) == pytest.approx(pascal, rel=1e-5)
     assert atmosphere.density(altitude) == pytest.approx(kg_m3, rel=1e-5)
+    assert atmosphere.air_at(altitude) == pytest.approx((kelvin, pascal, kg_m3), rel=1e-5)
     assert atmosphere.pressure_altitude(pascal) == pytest.approx(altitude, abs=0.2)
 
 
