@@ -135,7 +135,7 @@ def _result(found: Outcome, vehicle: Vehicle, progress: Progress, generator: np.
         "nearest": explained.nearest_json() if verdict == "unexplained" else None,
         "reasons": list(found.verdict.reasons),
         "where": where,
-        "effects": [effect_json(named) for named in found.named],
+        "effects": [effect_json(named, found.model) for named in found.named],
         "gap": gaps,
         "series": series,
         "model": found.model.to_json(),

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from sim_vehicle.effects import EFFECTS, Effect, Remembers
-from sim_vehicle.model.model_file import Coefficient
+from sim_vehicle.model.model_file import Model
 from sysid.discrepancy.candidates import Candidate
 from sysid.discrepancy.significance import Significance
 from sysid.discrepancy.wording import chance_text
@@ -105,14 +105,16 @@ def within_stamps(candidate: Candidate, values: Mapping[str, tuple[float, float]
     return f"{candidate.effect.name}: {words} is within what stamps are known to ({1e3 * least:.2g} ms)"
 
 
-def effect_json(named: Named) -> dict[str, Any]:
-    """It as an entry of `effects` in a result file (schema discrepancy/1)."""
+def effect_json(named: Named, model: Model) -> dict[str, Any]:
+    """It as an entry of `effects` in a result file (schema discrepancy/1). model: that has it, with whole errors."""
     effect = named.candidate.effect
+    entries = {f"{one.name}.{key}": entry for one in model.effects for key, entry in one.parameters.items()}
+    entries |= model.coefficients
     return {
         "name": effect.name,
         "title": effect.title,
         "probability": round(min(named.significance.probability, 0.9999), 4),
-        "parameters": {name: Coefficient(value, std).to_json() for name, (value, std) in named.values.items()},
+        "parameters": {name: entries[named.candidate.parameter(name)].to_json() for name in named.values},
         "alternatives": [{"name": name, "probability": round(p, 4)} for name, p in named.alternatives],
         "separating_manoeuvre": _separating(effect, [name for name, _ in named.alternatives]),
     }

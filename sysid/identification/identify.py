@@ -17,8 +17,7 @@ from sysid.equation_error.dead_surfaces import frozen_commands
 from sysid.errors import DivergedError, EstimationError, SysidError
 from sysid.identification.equation_error import EquationEstimate, estimate_by_equations
 from sysid.identification.moving_surfaces import with_surfaces_as_they_moved
-from sysid.identification.output_or_filter_error import MaximumLikelihood, maximum_likelihood
-from sysid.identification.output_or_filter_error import systematic as systematic_effects
+from sysid.identification.output_or_filter_error import MaximumLikelihood, maximum_likelihood, with_error_sources
 from sysid.identification.repaired_flight import FlightsRead, has_whole_imu, read_flights
 from sysid.identification.request import Request
 from sysid.identification.result_model import (
@@ -28,7 +27,6 @@ from sysid.identification.result_model import (
     refuse_unexcited,
     unique_refusals,
     validity_of,
-    with_extra,
     with_sources,
     withheld,
 )
@@ -391,14 +389,9 @@ def _by_likelihood(posed: _ClassicalProblem, likeliest: MaximumLikelihood) -> _C
     refused = [*posed.refused, *odd, *unsure, *likeliest.refused]
     validity = validity_of(posed.prepared, compatible)
     model = model_of(start, asked.vehicle.name, result, names, free_effects, refused, validity, problem.known)
-    curves, linkages = likeliest.bench_shares()
-    model = with_extra(model, "bench", curves)
-    moved: Mapping[str, Mapping[str, float]] = {}
     if asked.systematic:
         asked.progress(0.85, "systematic errors")
-        moved = systematic_effects(likeliest, start, names, free_effects)
-    moved = {name: {**moved.get(name, {}), **stated} for name, stated in linkages.items()}
-    model = with_sources(model, moved)
+    model = with_error_sources(likeliest, model, start, names, free_effects, asked.systematic)
     likeliest = replace(likeliest, linearised=None)  # its sensitivities are large, and have served
     unclear = {refusal.name for refusal in (*likeliest.refused, *compatible.refused)}
     errors = {name: error for name, error in _kinematic_errors(compatible).items() if name not in unclear}

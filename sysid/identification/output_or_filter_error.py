@@ -13,6 +13,7 @@ from sysid.compatibility.selection import Refusal
 from sysid.errors import EstimationError
 from sysid.filter_error.estimation import estimate_in_turbulence
 from sysid.filter_error.estimator import FilterErrorResult
+from sysid.identification.result_model import with_extra, with_sources
 from sysid.numerics.statistics import spectral_span
 from sysid.output_error.estimator import OutputErrorResult
 from sysid.output_error.from_problem import fit, warmed
@@ -190,7 +191,26 @@ def _with_misfit(
     return MaximumLikelihood(completed, nearest, "oe", (), warnings, moved, solved, linearised=here)
 
 
-def systematic(
+def with_error_sources(
+    found: MaximumLikelihood,
+    model: Model,
+    start: Model,
+    coefficients: Sequence[str],
+    effects: Sequence[tuple[str, str]],
+    systematic: bool = True,
+) -> Model:
+    """The model of an estimate with what its errors come from beside each entry: `bench`, `systematic` and `late`.
+
+    start: the model that was estimated, with these coefficients and effect parameters free. systematic: whether to ask
+    what errors of the vehicle file would do.
+    """
+    curves, linkages = found.bench_shares()
+    moved = _systematic(found, start, coefficients, effects) if systematic else {}
+    moved = {name: {**moved.get(name, {}), **stated} for name, stated in linkages.items()}
+    return with_sources(with_extra(model, "bench", curves), moved)
+
+
+def _systematic(
     found: MaximumLikelihood, model: Model, coefficients: Sequence[str], effects: Sequence[tuple[str, str]]
 ) -> dict[str, dict[str, float]]:
     """What errors of the vehicle file would do to each estimate: parameter -> perturbation -> change."""

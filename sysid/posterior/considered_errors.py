@@ -16,53 +16,57 @@ from sysid.problem.vehicle_errors import DENSITY, DENSITY_SHARE, doubts_of_mass,
 from sysid.signals.record import SURFACES
 
 _OUTPUTS = {"accelerometer": ("ax", "ay", "az"), "gyro": ("p", "q", "r")}
-# Half as much inertia again is another aircraft, and the change of its motion is no line: a thousandth of the error, a
-# thousand times.
-_PARTS = 1000.0
+# Half as much inertia again is another aircraft, and so is a stall that comes elsewhere: the change of its motion is no
+# line. So a thousandth of the error, a thousand times.
+PARTS = 1000.0
 
 
 @dataclass(frozen=True)
 class ConsiderParameter:
     """One quantity that is not estimated. stated: whether the vehicle file says how well it is known: by one standard
     deviation then, which the error bars hold; else by a usual amount, which stands beside them. changed: what a
-    model of the vehicle is given with that error, or with so small a part of it (one of `times`) that outputs move in
-    proportion.
+    model of the vehicle is given with so small a part of that error (one of PARTS) that outputs move in proportion.
     """
 
     name: str
     stated: bool
     changed: Callable[[Vehicle], PerturbedInputs]
-    times: float = 1.0
 
 
 def doubts_of(vehicle: Vehicle, thrust_measured: bool) -> tuple[ConsiderParameter, ...]:
     """Doubts of a vehicle; thrust_measured: whether it was measured in the flight."""
     found = [_mass(name, change) for name, change in doubts_of_mass(vehicle).items()]
     found.append(
-        ConsiderParameter(DENSITY, False, lambda vehicle: PerturbedInputs(vehicle, density=1.0 + DENSITY_SHARE))
+        ConsiderParameter(DENSITY, False, lambda vehicle: PerturbedInputs(vehicle, density=1.0 + DENSITY_SHARE / PARTS))
     )
     found += _linkages(vehicle)
     for name, outputs in _OUTPUTS.items():
         if std := vehicle.sensors[name].scale_std:
             found.append(_readings(f"{name}_scale", outputs, std))
     if not thrust_measured and vehicle.propulsion is not None:
-        found.append(ConsiderParameter("thrust_5pct", False, lambda vehicle: PerturbedInputs(stronger(vehicle, 1.05))))
+        found.append(
+            ConsiderParameter(
+                "thrust_5pct", False, lambda vehicle: PerturbedInputs(stronger(vehicle, 1.0 + 0.05 / PARTS))
+            )
+        )
     return tuple(found)
 
 
 def flow_doubts(name: str, scale: float, zero: float) -> tuple[ConsiderParameter, ...]:
     """Scale and zero [rad], one standard deviation each, of the vane of `name` (alpha, beta) whose flow is imposed."""
     return (
-        ConsiderParameter(f"{name}_scale_std", True, lambda vehicle: PerturbedInputs(vehicle, flow=1.0 + scale)),
-        ConsiderParameter(f"{name}_zero_std", True, lambda vehicle: PerturbedInputs(vehicle, flow_zero=zero)),
+        ConsiderParameter(
+            f"{name}_scale_std", True, lambda vehicle: PerturbedInputs(vehicle, flow=1.0 + scale / PARTS)
+        ),
+        ConsiderParameter(f"{name}_zero_std", True, lambda vehicle: PerturbedInputs(vehicle, flow_zero=zero / PARTS)),
     )
 
 
 def _mass(name: str, change: Mapping[str, float]) -> ConsiderParameter:
     def changed(vehicle: Vehicle) -> PerturbedInputs:
-        return PerturbedInputs(heavier(vehicle, change, 1.0 / _PARTS))
+        return PerturbedInputs(heavier(vehicle, change, 1.0 / PARTS))
 
-    return ConsiderParameter(name, is_stated(name), changed, _PARTS)
+    return ConsiderParameter(name, is_stated(name), changed)
 
 
 def _linkages(vehicle: Vehicle) -> list[ConsiderParameter]:
@@ -73,10 +77,10 @@ def _linkages(vehicle: Vehicle) -> list[ConsiderParameter]:
         if surface not in SURFACES:
             continue
         if known.gain_std:
-            found.append(_commands(f"{control}_gain_std", True, {surface: 1.0 + known.gain_std}, {}))
+            found.append(_commands(f"{control}_gain_std", True, {surface: 1.0 + known.gain_std / PARTS}, {}))
         if known.bias_std:
-            found.append(_commands(f"{control}_bias_std", True, {}, {surface: known.bias_std}))
-    return found or [_commands("linkage_5pct", False, dict.fromkeys(SURFACES, 1.05), {})]
+            found.append(_commands(f"{control}_bias_std", True, {}, {surface: known.bias_std / PARTS}))
+    return found or [_commands("linkage_5pct", False, dict.fromkeys(SURFACES, 1.0 + 0.05 / PARTS), {})]
 
 
 def _commands(name: str, stated: bool, gains: dict[str, float], biases: dict[str, float]) -> ConsiderParameter:
@@ -85,5 +89,7 @@ def _commands(name: str, stated: bool, gains: dict[str, float], biases: dict[str
 
 def _readings(name: str, outputs: tuple[str, ...], share: float) -> ConsiderParameter:
     return ConsiderParameter(
-        f"{name}_std", True, lambda vehicle: PerturbedInputs(vehicle, readings=dict.fromkeys(outputs, 1.0 + share))
+        f"{name}_std",
+        True,
+        lambda vehicle: PerturbedInputs(vehicle, readings=dict.fromkeys(outputs, 1.0 + share / PARTS)),
     )

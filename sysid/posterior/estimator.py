@@ -23,7 +23,7 @@ from sysid.posterior.closed_loop import (
     is_law,
     most_answered,
 )
-from sysid.posterior.considered_errors import ConsiderParameter
+from sysid.posterior.considered_errors import PARTS, ConsiderParameter
 from sysid.posterior.likelihood import Point, WhittleLikelihood
 from sysid.posterior.nuisance_priors import SURFACES_OF
 from sysid.posterior.residual_spectrum import ResidualSpectrum
@@ -235,7 +235,7 @@ class Posterior(WhittleLikelihood):
         # What the structure does not hold is wrong in the same way for as long as one flies: no time averages it.
         structure = self.misfit * gains @ fisher
         covariance += structure.T @ structure
-        shifts = pulls @ follows * np.array([doubt.times for doubt in doubts])[:, None]
+        shifts = PARTS * pulls @ follows
         for doubt, shift in zip(doubts, shifts, strict=True):
             covariance += doubt.stated * np.outer(shift, shift)
         P = len(self.model.names)

@@ -50,6 +50,6 @@ def test_what_a_killed_service_left_of_uploads_and_jobs_is_removed(tmp_path: Pat
     kept.parent.mkdir()
     kept.write_text("mine")
     with service("--data", tmp_path) as url:
-        assert httpx.get(f"{url}/api/health").status_code == 200
+        assert httpx.get(f"{url}/api/health", timeout=PATIENCE_S).status_code == 200
         assert not any(folder.exists() for folder in left)
     assert kept.read_text() == "mine"

@@ -119,7 +119,7 @@ def test_logs_of_another_engine_give_the_effect_that_it_flew(tmp_path: Path, mon
     assert first["probability"] > 0.95
     estimate = first["parameters"]["CD_de2"]
     assert estimate["value"] == pytest.approx(flown, abs=4.0 * estimate["std"])
-    assert 0.0 < estimate["std"] < 0.05 * flown
+    assert 0.0 < estimate["statistical_std"] < 0.05 * flown
     assert found["model"]["coefficients"]["CD_de2"]["value"] == estimate["value"]
     gap = found["gap"]["validation"]
     assert over_floor(gap, "after") < 1.3

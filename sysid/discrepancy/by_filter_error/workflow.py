@@ -45,12 +45,15 @@ from sysid.errors import EstimationError
 from sysid.filter_error.estimation import build_filter
 from sysid.filter_error.estimator import FilterErrorResult
 from sysid.identification.moving_surfaces import with_surfaces_as_they_moved
+from sysid.identification.output_or_filter_error import MaximumLikelihood, with_error_sources
 from sysid.identification.repaired_flight import FlightsRead
 from sysid.numerics.dryden import Turbulence
 from sysid.output_error.from_problem import fit
-from sysid.problem.estimation_problem import Estimates, Problem
+from sysid.problem.estimation_problem import Estimates, Problem, model_of
 from sysid.quality.flight_rules import flights_quality
 from sysid.signals.preparation import Prepared, require_thrust
+from sysid.uncertainty.bench_errors import bench_errors, carry_filtered, is_of_surfaces
+from sysid.uncertainty.total import with_total_errors
 
 
 def compare(asked: Asked, read: FlightsRead, proposed: Sequence[Named] = ()) -> Outcome:
@@ -82,6 +85,8 @@ def compare(asked: Asked, read: FlightsRead, proposed: Sequence[Named] = ()) -> 
         "before": refitted_model(used, base),
     }
     stages["after"] = found_model(used, search) if search.result is not base.before else stages["before"]
+    progress(0.74, "standard errors")
+    whole = _with_whole_errors(used, search)
     air = search.result.turbulence
     judged = None
     if held_out:
@@ -89,7 +94,7 @@ def compare(asked: Asked, read: FlightsRead, proposed: Sequence[Named] = ()) -> 
         models = {"given": model, "before": base.refitted, "after": search.model}
         judged = _held_out(held_out, search.problem, models)
     return Outcome(
-        "fe", verdict, tuple(search.named), search.model, base.ruled_out,
+        "fe", verdict, tuple(search.named), whole, base.ruled_out,
         Compared(tuple(prepared), base.problem.motion, stages, used.compatible, air), judged,
         max(air.horizontal, air.vertical),
         flights_quality([one.signals for one in read.fitted], prepared, vehicle, used.compatible.gust_sigma),
@@ -152,6 +157,16 @@ def _with_timing(search: Search) -> None:
     if problem is not search.problem:
         search.problem = problem
         update_estimate(search, result)
+
+
+def _with_whole_errors(used: Flights, search: Search) -> Model:
+    """The model that was found with its whole errors, of the flights and of what was taken as known."""
+    problem, free = search.problem, (search.coefficients, search.effects)
+    bench = bench_errors(used.prepared, used.vehicle)
+    result, shares = carry_filtered(bench, problem, search.model, *free, search.result)
+    likeliest = MaximumLikelihood(problem, result, "fe", (), (), shares)
+    model = model_of(search.model, search.model.name, result, *free, (), search.model.validity)
+    return with_total_errors(with_error_sources(likeliest, model, search.model, *free), is_of_surfaces)
 
 
 def _held_out(held_out: Sequence[Prepared], problem: Problem, models: Mapping[str, Model]) -> Compared:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from sim_vehicle.effects import EFFECTS
@@ -24,6 +24,7 @@ from sysid.discrepancy.identified_effect import Named
 from sysid.errors import EstimationError
 from sysid.identification.posterior_method import Flown, effects_with, flown, with_thrust_line
 from sysid.identification.repaired_flight import FlightsRead
+from sysid.identification.result_model import with_extra
 from sysid.numerics.dryden import Turbulence
 from sysid.posterior.analysis import estimate
 from sysid.posterior.estimates import PosteriorEstimate
@@ -32,9 +33,11 @@ from sysid.posterior.stated_priors import as_estimated
 from sysid.problem.estimation_problem import Motion, Problem, excited_motion
 from sysid.problem.formulation import timing_of
 from sysid.problem.free_run import Fixed
+from sysid.problem.vehicle_errors import is_stated
 from sysid.quality.flight_rules import flights_quality
 from sysid.signals.flight import FlightSignals
 from sysid.signals.preparation import Prepared, require_thrust
+from sysid.uncertainty.total import with_total_errors
 from sysid.validation.servo_replay import with_estimated_deflections
 
 _TRIMS = ("Cl_0", "Cn_0")
@@ -116,7 +119,6 @@ def _outcome(
     if found.named:
         progress(0.72, "standard errors")
         best = base.of({group: fit.ended() for group, fit in found.groups.items()})
-        found.named = [replace(one, values=_values(one.candidate.names, one.values, best)) for one in found.named]
     before, after = _updated(model, base), _updated(found.model, best)
     signals = [one.signals for one in read.fitted]
     used = _beside(seen.prepared, signals, asked, motion, (base, before), (best, after), seen.compatible)
@@ -155,7 +157,7 @@ def _fitted(parts: Sequence[FlightPart], asked: Asked, model: Model) -> Posterio
         asked.progress(0.08 + 0.2 * share, text)
 
     report(0.0, "its coefficients fitted again")
-    return estimate(parts, asked.vehicle, model, _free_effects(model), systematic=False, progress=report)
+    return estimate(parts, asked.vehicle, model, _free_effects(model), progress=report)
 
 
 def _with_the_model_s_thrust_line(vehicle: Vehicle) -> Vehicle:
@@ -173,22 +175,19 @@ def _with_trims(model: Model) -> Model:
     return replace(model, coefficients={**model.coefficients, **missing}, correlation=None)
 
 
-def _values(
-    names: Sequence[tuple[str, str]], found: Mapping[str, tuple[float, float]], best: PosteriorEstimate
-) -> dict[str, tuple[float, float]]:
-    """Values and standard errors of an effect's parameters, with bars that count all."""
-    entries = best.joint.entries()
-    keys = {name: f"{effect}.{name}" for effect, name in names}
-    return {name: entries.get(keys.get(name, name), entry) for name, entry in found.items()}
-
-
 def _updated(model: Model, found: PosteriorEstimate) -> Model:
-    """The model with its estimates from the flights; what they do not identify stays as given."""
+    """The model with its estimates from the flights, their whole errors beside them; what they do not identify stays
+    as given.
+    """
     entries = found.joint.entries()
     coefficients = {
         name: Coefficient(*entries[name]) if name in entries else e for name, e in model.coefficients.items()
     }
-    return replace(model, coefficients=coefficients, effects=effects_with(model.effects, entries), correlation=None)
+    model = replace(
+        model, coefficients=coefficients, effects=effects_with(model.effects, entries),
+        correlation=found.joint.correlation(),
+    )  # fmt: skip
+    return with_total_errors(with_extra(model, "systematic", found.systematic()), is_stated)
 
 
 def _beside(

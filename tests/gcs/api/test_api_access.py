@@ -130,7 +130,7 @@ def test_a_link_shows_its_flight_and_nothing_else(bench: Bench, guarded: httpx.C
     flights = [bench.record(1, 3, 10**18), bench.record(2, 3, 10**18 + 10**11)]
     made = guarded.post(f"/api/flights/{flights[0]}/share", json={"days": 1}, headers=by(TOKEN)).json()
     token = made["path"].removeprefix("/#/shared/")
-    with httpx.Client(base_url=guarded.base_url) as visitor:
+    with httpx.Client(base_url=guarded.base_url, timeout=guarded.timeout) as visitor:
         me = visitor.post("/api/login", json={"token": token}).json()
         assert (me["role"], me["flight"]) == ("viewer", flights[0])
         assert visitor.get(f"/api/flights/{flights[0]}").status_code == 200
@@ -177,7 +177,7 @@ def test_logging_in_keeps_the_token_where_no_script_reads_it(guarded: httpx.Clie
     problem(guarded.get("/api/flights", headers={"Origin": "http://evil.example"}), 403)
     # Cookies of other applications on this host, which are nobody's to read, take nothing away.
     other = {"Cookie": f'theme={{"a": 1}}; x@y=1; gcs_token={TOKEN}'}
-    assert httpx.get(f"{guarded.base_url}/api/flights", headers=other).status_code == 200
+    assert httpx.get(f"{guarded.base_url}/api/flights", headers=other, timeout=guarded.timeout).status_code == 200
     assert guarded.post("/api/logout").status_code == 204
     problem(guarded.get("/api/flights"), 401)
 

@@ -64,6 +64,11 @@ def test_nothing_is_named_where_nothing_is_missing(tmp_path: Path) -> None:
     flown = hidden_flight("none", "typical", 4, tmp_path)
     found = discrepancy([flown.signals], flown.vehicle, flown.model)
     assert (found["method"], found["verdict"], found["effects"]) == ("map", "none", [])
+    # The model's forces go with the air's density, its moments with the surfaces' travel too: by 2 % and 5 %.
+    model = found["model"]["coefficients"]
+    for name, share in (("CL_alpha", 0.02), ("Cl_da", 0.05)):
+        assert model[name]["std"] > 0.98 * share * abs(model[name]["value"])
+        assert model[name]["statistical_std"] < model[name]["std"]
     # What the servos do is no missing effect, and is said.
     assert any("servos" in line for line in found["reasons"])
 
