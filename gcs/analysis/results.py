@@ -203,7 +203,9 @@ def discrepancy_text(result: dict[str, Any]) -> str:
         )
     for effect in result.get("effects", []):
         lines += ["", f"effect {effect['name']}, probability {probability_text(effect.get('probability'))}"]
-        lines += [_estimate_row(name, entry) for name, entry in effect.get("parameters", {}).items()]
+        for name, entry in effect.get("parameters", {}).items():
+            unit = f" [{entry['unit']}]" if entry.get("unit", "1") != "1" else ""
+            lines.append(_estimate_row(f"{name}{unit}", entry))
         for other in effect.get("alternatives", []):
             lines.append(f"  or {other['name']}, probability {probability_text(other.get('probability'))}")
         if effect.get("alternatives") and effect.get("separating_manoeuvre"):

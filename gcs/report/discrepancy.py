@@ -31,10 +31,12 @@ def effects(result: Result) -> list[str]:
         for name, entry in effect.get("parameters", {}).items():
             ends, std = interval(entry), entry.get("std")
             between = "–" if ends is None else f"{estimate(ends[0], std)} … {estimate(ends[1], std)}"
-            rows.append([f"<code>{text(name)}</code>", estimate(entry["value"], std), standard_error(std), between])
+            value, error = estimate(entry["value"], std), standard_error(std)
+            rows.append([f"<code>{text(name)}</code>", value, error, between, text(entry.get("unit", ""))])
         title = effect.get("title", effect["name"])
         found.append(f"<p>{text(title)}: probability {probability(effect.get('probability'))}.</p>")
-        found.append(table(f"Parameters of {title}", ["parameter", "value", "± (1 σ)", "95 % interval"], rows))
+        head = ["parameter", "value", "± (1 σ)", "95 % interval", "unit"]
+        found.append(table(f"Parameters of {title}", head, rows))
         others = [f"{text(o['name'])} ({probability(o.get('probability'))})" for o in effect.get("alternatives", [])]
         if others:
             found.append(

@@ -114,7 +114,10 @@ def effect_json(named: Named, model: Model) -> dict[str, Any]:
         "name": effect.name,
         "title": effect.title,
         "probability": round(min(named.significance.probability, 0.9999), 4),
-        "parameters": {name: entries[named.candidate.parameter(name)].to_json() for name in named.values},
+        "parameters": {
+            name: {**entries[named.candidate.parameter(name)].to_json(), "unit": effect.parameter(name).unit}
+            for name in named.values
+        },
         "alternatives": [{"name": name, "probability": round(p, 4)} for name, p in named.alternatives],
         "separating_manoeuvre": _separating(effect, [name for name, _ in named.alternatives]),
     }

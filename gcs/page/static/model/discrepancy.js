@@ -77,6 +77,9 @@ function why({ reasons = [], ruled_out: ruledOut = [] }) {
   return all.length ? [h('h2', {}, 'Why'), listing(all)] : []
 }
 
+/** The unit behind a parameter's value; nothing of one without. @param {Coefficient} entry */
+const unitOf = ({ unit = '1' }) => unit === '1' ? '' : ` ${unit}`
+
 /** @param {DiscrepancyResult} result */
 function effects(result) {
   return table('Effects found, and those that these flights cannot distinguish from them',
@@ -85,7 +88,7 @@ function effects(result) {
       h('span', {}, h('code', {}, one.name), one.title ? ` (${one.title})` : ''),
       probability(one.probability),
       Object.entries(one.parameters ?? {}).map(([name, entry]) =>
-        h('div', {}, h('code', {}, name), ` ${plusMinus(entry)}`)),
+        h('div', {}, h('code', {}, name), ` ${plusMinus(entry)}`, unitOf(entry))),
       one.alternatives.length
         ? one.alternatives.map(other => h('div', {}, `${other.name}, ${probability(other.probability)}`))
         : 'nothing else',
