@@ -16,8 +16,10 @@ from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.errors import DivergedError, EstimationError
 from sysid.numerics.gaussian import Gaussian
+from sysid.posterior.closed_loop import follow_laws
 from sysid.posterior.considered_errors import ConsiderParameter, doubts_of, flow_doubts
 from sysid.posterior.estimates import (
+    SURFACE_WORDS,
     GroupEstimate,
     PosteriorEstimate,
     joint_of,
@@ -200,7 +202,7 @@ def estimate(
         names = [name for name in own if whole and not still & set(parse_term(name).factors)]
         unexcited += [name for name in own if name not in names]
         outputs = outputs_of(group, parts)
-        if why := _lacking(group, outputs, names):
+        if why := _lacking(group, outputs, names) or _answered_alone(group, parts, moved):
             left_out[group] = why
             continue
         progress(0.45 * place, f"{group} axes")
@@ -247,6 +249,17 @@ def _lacking(group: str, outputs: Sequence[str], names: Sequence[str]) -> str:
     if not lacking and group == "longitudinal" and not {"az", "alpha"} & set(outputs):
         lacking = "az"
     return f"{lacking} is missing, or its sensor is dead" if lacking else ""
+
+
+def _answered_alone(group: str, parts: Sequence[FlightPart], moved: frozenset[str]) -> str:
+    """Why a group of axes is not known though its surfaces moved: a hold or a damper alone moved them, and it answers
+    what only gusts have done. Empty where one moved by itself.
+    """
+    surfaces = [name for name in SURFACES_OF[group] if name in moved]
+    if not surfaces or set(surfaces) - set(follow_laws(parts, surfaces)):
+        return ""
+    words = " and ".join(SURFACE_WORDS[name] for name in surfaces)
+    return f"{words} did nothing but follow a law of the motion (a hold, a damper), and answer gusts; fly test inputs"
 
 
 def _likelier_flow(begin: Callable[..., _GroupSearch], near: Mapping[str, float], flow: str) -> _GroupSearch:

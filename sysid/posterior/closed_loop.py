@@ -12,13 +12,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from sysid.arrays import Array
+from sysid.numerics.feedback_law import LAW_OF, is_feedback_law
+from sysid.posterior.flight_part import FlightPart
 from sysid.posterior.inputs import InputSignal
 from sysid.posterior.observations import CommonGrid
 
-# A command that a law of these explains to that share was no test input.
-LAW_OF = {"de": ("theta", "q"), "da": ("phi", "p"), "dr": ("r",)}
-# Share of a surface's motion that a feedback law explains, and delays of it that are tried, s.
-_LAW_SHARE, _LAW_DELAYS_S = 0.97, (0.0, 0.02, 0.04, 0.07, 0.10)
 # A shorter part cannot distinguish an answer from chance, s.
 SHORTEST_LOOP_S = 15.0
 # Share of a command's variance, beyond chance, below which it follows nothing.
@@ -113,15 +111,15 @@ def _normal_means(residual: Array, common: CommonGrid) -> tuple[Array, int]:
     return np.stack([np.convolve(row, kernel)[: row.size] for row in normal]), every
 
 
-def is_law(command: InputSignal, grid: Array, motion: Sequence[Array]) -> bool:
-    """Whether a command is nothing but gains times some measured motion (N,), a little later: a damper, or an attitude
-    hold without set points. What it does to the aircraft cannot be distinguished from damping and stability then.
-    """
-    A = np.stack([*motion, np.ones(grid.size)], axis=1)
-    for delay in _LAW_DELAYS_S:
-        u = command.at(grid + delay)
-        off = float(np.var(u))
-        left = u - A @ np.linalg.lstsq(A, u, rcond=None)[0]
-        if off > 0.0 and float(np.var(left)) < (1.0 - _LAW_SHARE) * off:
-            return True
-    return False
+def follow_laws(parts: Sequence[FlightPart], surfaces: Sequence[str]) -> tuple[str, ...]:
+    """Which of some surfaces nothing moves but a law of the motion, in any part."""
+    found = []
+    for name in surfaces:
+        held = [
+            is_feedback_law(part.inputs[name].at, part.grid, [part.motion[one] for one in LAW_OF[name]])
+            for part in parts
+            if name in part.inputs
+        ]
+        if held and all(held):
+            found.append(name)
+    return tuple(found)

@@ -18,7 +18,7 @@ from sysid.posterior.reported_spectrum import NoiseSpectrum
 from sysid.problem.vehicle_errors import is_stated
 from sysid.signals.sensor_errors import SENSOR_ERRORS
 
-_SURFACE_WORDS = {signal: name for name, signal in DEFLECTION_SIGNALS.items()}
+SURFACE_WORDS = {signal: name for name, signal in DEFLECTION_SIGNALS.items()}
 # The rate that a surface commands.
 _COMMANDED = {"de": "q", "da": "p", "dr": "r"}
 _UNIT_OF = {output: unit for output, form, unit, _ in SENSOR_ERRORS.values() if form == "bias"}
@@ -215,7 +215,7 @@ def not_believed_of(found: Mapping[str, GroupEstimate]) -> dict[str, str]:
             for surface in one.result.laws:
                 hidden = {surface, _COMMANDED[surface]}
                 reasons |= {
-                    name: f"the {_SURFACE_WORDS[surface]} did nothing but follow a law of the motion, at once"
+                    name: f"the {SURFACE_WORDS[surface]} did nothing but follow a law of the motion, at once"
                     for name in one.result.names[:count]
                     if "." not in name and hidden & set(parse_term(name).factors)
                 }
@@ -243,7 +243,7 @@ def warnings_of(groups: Mapping[str, GroupEstimate], left_out: Mapping[str, str]
     warnings = [f"{group} axes are not estimated: {why}" for group, why in left_out.items()]
     for group, result in ((group, one.result) for group, one in groups.items()):
         warnings += [
-            f"{_SURFACE_WORDS[name]}: moved by nothing but a law of the motion (a damper, a hold without set points):"
+            f"{SURFACE_WORDS[name]}: moved by nothing but a law of the motion (a damper, a hold without set points):"
             " what it does is distinguished from damping by its delay alone; fly test inputs on it"
             for name in result.laws
         ]

@@ -15,12 +15,11 @@ from sysid.arrays import Array
 from sysid.errors import EstimationError
 from sysid.numerics.normal_equations import inverse
 from sysid.posterior.closed_loop import (
-    LAW_OF,
     LEAST_SHARE,
     SHORTEST_LOOP_S,
     external,
     feedback_share,
-    is_law,
+    follow_laws,
     most_answered,
 )
 from sysid.posterior.considered_errors import PARTS, ConsiderParameter
@@ -134,16 +133,7 @@ class Posterior(WhittleLikelihood):
 
     def _laws(self) -> tuple[str, ...]:
         """Surfaces that nothing moves but a law of the motion."""
-        found = []
-        for name in SURFACES_OF[self.model.group]:
-            held = [
-                is_law(part.inputs[name], part.grid, [part.motion[one] for one in LAW_OF[name]])
-                for part in self.parts
-                if name in part.inputs
-            ]
-            if held and all(held):
-                found.append(name)
-        return tuple(found)
+        return follow_laws(self.parts, SURFACES_OF[self.model.group])
 
     def _feedback(self, at: Point, laws: Sequence[str]) -> dict[str, float]:
         """Share of each surface's command that follows the residuals; surfaces that follow none, or are moved by a law

@@ -55,8 +55,8 @@ class Quality:
 
     def refusal(self, axis: str) -> str:
         """Why no number of that axis is reported, and what to do; "" where they are."""
-        every = (one.cure for one in self.reasons if one.no_numbers and (not one.axes or axis in one.axes))
-        return next(every, "")
+        against = (*self.reasons, *self.not_flown)
+        return next((one.cure for one in against if one.no_numbers and (not one.axes or axis in one.axes)), "")
 
     @property
     def verdict(self) -> str:

@@ -20,6 +20,7 @@ from sim_vehicle.model.aerodynamic_terms import AXES
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.errors import SignalError
+from sysid.numerics.feedback_law import LAW_OF, is_feedback_law
 from sysid.numerics.smoothing import noise_sigma
 from sysid.quality.flight_quality import CARE, LATERAL, LONGITUDINAL, POOR, Quality, Reason, joined, once
 from sysid.quality.thresholds import LIMITS_OF_QUALITY as LIMITS
@@ -64,6 +65,19 @@ class SeenFlight:
         values = self.samples(surface)[1]
         least = min(LIMITS.still, LIMITS.resolved * rounding_of(values, None).std)
         return values.size > 1 and float(np.std(values)) > max(least, LIMITS.least)
+
+    def follows_a_law(self, surface: str) -> bool:
+        """Whether nothing moved a surface but a law of the motion."""
+        stamps, values = self.samples(surface)
+
+        def command(time_s: Array) -> Array:
+            return np.asarray(np.interp(time_s, stamps, values))
+
+        for stretch in self.prepared.stretches:
+            felt = [stretch.data[name] for name in LAW_OF[surface] if name in stretch.data.columns]
+            if not felt or not is_feedback_law(command, stretch.record.time_s, felt):
+                return False
+        return True
 
 
 def flights_quality(
@@ -162,9 +176,14 @@ def _vibration(seen: SeenFlight) -> Iterator[Reason]:
 
 def _not_flown(seen: SeenFlight) -> Iterator[Reason]:
     for axes, surfaces in _MOVED_BY.items():
-        if not any(seen.moved(name) for name in surfaces):
-            words = " and ".join(_SURFACES[name] for name in surfaces)
+        words = " and ".join(_SURFACES[name] for name in surfaces)
+        moved = [name for name in surfaces if seen.moved(name)]
+        if not moved:
             yield Reason(POOR, f"{words} did not move", f"fly test inputs on {words}", axes)
+        elif all(seen.follows_a_law(name) for name in moved):
+            alone = " and ".join(_SURFACES[name] for name in moved)
+            text = f"{alone} did nothing but follow the motion (a hold, a damper), which gusts alone have excited"
+            yield Reason(POOR, text, f"fly test inputs on {words}", axes, no_numbers=True)
 
 
 def _excitation(seen: SeenFlight) -> Iterator[Reason]:
