@@ -26,7 +26,8 @@ from sysid.identification.repaired_flight import prepared_flight, without_dead
 from sysid.live.recursive.coefficient_status import CoefficientStatus
 from sysid.live.signals.air_data_ekf import AirDataError
 from sysid.posterior.analysis import estimate, excited
-from sysid.posterior.estimates import NuisanceEstimate
+from sysid.posterior.closed_loop import SHORTEST_LOOP_S
+from sysid.posterior.estimates import NuisanceEstimate, PosteriorEstimate
 from sysid.posterior.flight_part import FlightPart, make_part
 from sysid.posterior.nuisance_priors import GROUPS, SURFACES_OF
 from sysid.problem.model_structure import (
@@ -77,7 +78,7 @@ class WindowEstimate:
     """The estimate of a window. begin_s, end_s: of the window. cost_s: CPU. problem: why there is nothing, else "".
 
     coefficients: those estimated, and why others are not known. nuisances: what stands between aircraft and log.
-    ends: group of axes -> unknown -> its value.
+    ends: group of axes -> unknown -> its value. again_s: length of a window that is worth it at once, s.
     """
 
     begin_s: float
@@ -87,6 +88,7 @@ class WindowEstimate:
     nuisances: tuple[NuisanceEstimate, ...] = ()
     problem: str = ""
     ends: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    again_s: float = np.inf
 
 
 def estimate_window(
@@ -109,6 +111,11 @@ def estimate_window(
         found = estimate(parts, vehicle, structure, systematic=False, near=near, fine=False)
     except SysidError as error:
         return WindowEstimate(begin_s, end_s, time.process_time() - began, {}, problem=str(error))
+    if why := _too_short(found, end_s - begin_s):
+        cost_s = time.process_time() - began
+        return WindowEstimate(
+            begin_s, end_s, cost_s, _unknown(names, why), ends=_ends(found), again_s=SHORTEST_LOOP_S
+        )  # fmt: skip
     known = thrust_known(parts, vehicle)
     refused = {one.name: one for one in refusals_of(found, structure, known)}
     std = np.sqrt(np.diag(found.joint.covariance))
@@ -121,8 +128,20 @@ def estimate_window(
             value, spread = np.nan, np.inf  # refused for what no bar shows: no number stands for it
         words = ("", "") if reason is None else (reason.reason, reason.manoeuvre)
         statuses[name] = CoefficientStatus(name, value, spread, reason is None, *words)
-    ends = {g: dict(zip(one.names, one.theta.tolist(), strict=True)) for g, one in found.results.items()}
-    return WindowEstimate(begin_s, end_s, time.process_time() - began, statuses, found.nuisances, "", ends)
+    return WindowEstimate(begin_s, end_s, time.process_time() - began, statuses, found.nuisances, "", _ends(found))
+
+
+def _ends(found: PosteriorEstimate) -> dict[str, dict[str, float]]:
+    return {g: dict(zip(one.names, one.theta.tolist(), strict=True)) for g, one in found.results.items()}
+
+
+def _too_short(found: PosteriorEstimate, length_s: float) -> str:
+    """Why a window is too short to count, "" where it is not: in gusts that an autopilot may answer the aircraft cannot
+    be distinguished from what flies it before there is enough to see whether one does.
+    """
+    if not any(one.unclear for one in found.results.values()):
+        return ""
+    return f"in gusts {length_s:.0f} s are too short to see whether an autopilot answers them"
 
 
 def warm_up(vehicle: Vehicle) -> None:
@@ -215,7 +234,8 @@ class SlidingWindow:
         """Ask for an estimate if the last one ended so long before what there is now."""
         end = self._end - _UNDER_WAY_S
         begin = max(self._begin, end - WINDOW_S)
-        if self._running is None and end - begin >= self.first_s and end >= self._asked + after_s:
+        again = self.found is not None and end - begin >= self.found.again_s
+        if self._running is None and end - begin >= self.first_s and (again or end >= self._asked + after_s):
             self._asked = end
             near = {} if self.found is None else self.found.ends
             self._running = self._runner.submit(estimate_window, self._vehicle, self._cut(begin, end), begin, end, near)

@@ -29,7 +29,7 @@ _SURROGATES, _BEYOND_CHANCE = 12, 3.0
 # The causal filter: steps and memory, s, and its ridge.
 _STEP_S, _MEMORY_S, _RIDGE = 0.06, 0.9, 0.02
 # The same of slopes: a loop about a small aircraft has settled by 2 s; samples for each of its weights, at least.
-_SLOPES_MEMORY_S, _SLOPES_RIDGE, _SAMPLES = 2.0, 1e-3, 10
+_SLOPES_MEMORY_S, _SLOPES_RIDGE, _SAMPLES = 2.0, 1e-3, 2
 
 
 def most_answered(residual: Array, measured: Array, common: CommonGrid) -> float:
@@ -94,9 +94,12 @@ def external(slopes: Array, residual: Array, common: CommonGrid) -> Array:
         past[lag * every :, lag * m : (lag + 1) * m] = means[:, : K - lag * every].T
     A, series = past[::every], slopes.transpose(1, 0, 2).reshape(K, -1)
     off = series[::every] - series[::every].mean(axis=0)
-    weights = np.linalg.solve(A.T @ A + _SLOPES_RIDGE * A.shape[0] * np.eye(A.shape[1]), A.T @ off)
-    answered = (past @ weights).reshape(K, m, -1).transpose(1, 0, 2)
-    return np.asarray(slopes - answered)
+    gram = A.T @ A
+    held = gram + _SLOPES_RIDGE * A.shape[0] * np.eye(A.shape[1])
+    answered = (past @ np.linalg.solve(held, A.T @ off)).reshape(K, m, -1).transpose(1, 0, 2)
+    # So much of anything, on average, as there are weights for the samples is explained by chance.
+    chance = float(np.trace(np.linalg.solve(held, gram))) / A.shape[0]
+    return np.asarray((slopes - answered) / np.sqrt(1.0 - chance))
 
 
 def _normal_means(residual: Array, common: CommonGrid) -> tuple[Array, int]:

@@ -10,6 +10,7 @@ import numpy as np
 from sim_vehicle.model.aerodynamic_terms import parse_term
 from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS
 from sysid.numerics.gaussian import Gaussian
+from sysid.posterior.closed_loop import SHORTEST_LOOP_S
 from sysid.posterior.considered_errors import ConsiderParameter
 from sysid.posterior.estimator import Posterior, PosteriorResult
 from sysid.posterior.group_model import OF_SURFACES
@@ -247,6 +248,11 @@ def warnings_of(groups: Mapping[str, GroupEstimate], left_out: Mapping[str, str]
             " what it does is distinguished from damping by its delay alone; fly test inputs on it"
             for name in result.laws
         ]
+        if result.unclear:
+            warnings.append(
+                f"{group} axes: too short to see whether an autopilot or pilot answers gusts; bars are wider by what"
+                f" one would do: fly {SHORTEST_LOOP_S:.0f} s or more without a break"
+            )
         if result.feedback > 0.0:
             warnings.append(
                 f"{group} axes: {result.feedback:.0%} of the commands answers what the model leaves (gusts): an"

@@ -47,8 +47,9 @@ class PosteriorResult:
     the larger of Fisher's and the sandwich over blocks of time. fisher: (P, P). prior_std: (P,). misfit: share of
     the motion that the structure may not hold. spectra: by flight. outputs: names. residuals: by part, (m, K).
     passes: steps made. feedback_of: surface -> share of its command's variance that follows the residuals: a closed
-    loop. laws: surfaces that nothing moves but a law of the motion. zeros: output -> what its sensor reads at zero, and
-    its standard deviation, SI.
+    loop. laws: surfaces that nothing moves but a law of the motion. unclear: whether parts are too short to see a loop
+    in gusts; bars count what one would do. zeros: output -> what its sensor reads at zero, and its standard deviation,
+    SI.
     systematic: (P,) by which an error of what was taken as known moves the
     estimate; the covariance holds those that were stated.
     """
@@ -68,6 +69,7 @@ class PosteriorResult:
     cost: float
     feedback_of: Mapping[str, float]
     laws: tuple[str, ...]
+    unclear: bool
     systematic: Mapping[str, Array]
     zeros: Mapping[str, tuple[float, float]]
 
@@ -131,6 +133,12 @@ class Posterior(WhittleLikelihood):
         """Largest share of a command that follows what is left at a point, as in PosteriorResult."""
         return max(self._feedback(self.point(theta), self._laws()).values(), default=0.0)
 
+    def _unclear(self, at: Point) -> list[int]:
+        """Parts that are too short to see whether something answers what is left, where that is more than noise."""
+        short = [i for i, one in enumerate(self.parts) if one.duration_s < SHORTEST_LOOP_S and not one.position]
+        most = self.most_answered(at.residuals, short)
+        return [i for i, share in zip(short, most, strict=True) if share > LEAST_SHARE]
+
     def _laws(self) -> tuple[str, ...]:
         """Surfaces that nothing moves but a law of the motion."""
         return follow_laws(self.parts, SURFACES_OF[self.model.group])
@@ -152,13 +160,16 @@ class Posterior(WhittleLikelihood):
     def _followed(self, at: Point, surface: str, places: Sequence[int]) -> float:
         """Share of a surface's command that follows the residuals, the mean over parts by their length."""
         length = [self.parts[i].duration_s for i in places]
-        felt = [j for j, name in enumerate(self.model.outputs) if name in STATES]
-        shares = []
-        for i in places:
-            common, residual = self.parts[i].common, at.residuals[i]
-            most = most_answered(residual[felt], self.model.measured(i)[felt], common)
-            shares.append(feedback_share(self.parts[i].inputs[surface], residual, common, most))
+        shares = [
+            feedback_share(self.parts[i].inputs[surface], at.residuals[i], self.parts[i].common, most)
+            for i, most in zip(places, self.most_answered(at.residuals, places), strict=True)
+        ]
         return float(np.average(shares, weights=length))
+
+    def most_answered(self, residuals: Sequence[Array], places: Sequence[int]) -> list[float]:
+        """Largest share of a command that can answer the residuals (m, K) of some parts."""
+        felt = [j for j, name in enumerate(self.model.outputs) if name in STATES]
+        return [most_answered(residuals[i][felt], self.model.measured(i)[felt], self.parts[i].common) for i in places]
 
     def _step(self, theta: Array, H: Array, g: Array, damping: float) -> Array:
         """Damped Gauss-Newton step within the bounds: what would leave them stays there, the rest steps without it."""
@@ -184,6 +195,8 @@ class Posterior(WhittleLikelihood):
         H = self.prior.information.copy()
         laws = self._laws()
         feedback_of = self._feedback(at, laws)
+        unclear = self._unclear(at)
+        answering: Sequence[int] = range(len(self.parts)) if feedback_of or laws else unclear
         # What answers noise is not informative where the noise has any spectrum: in a loop the rest alone informs.
         rest_information, pull_of_rest = H.copy(), -H @ (at.theta - self.prior.mean)
         scores = []
@@ -196,8 +209,10 @@ class Posterior(WhittleLikelihood):
             J = self.whitened(i, slopes)
             e = self.whitened(i, residual[:, :, None])[:, 0]
             H += J.T @ J
-            if feedback_of or laws:
-                rest = self.whitened(i, external(slopes, residual, self.parts[i].common))
+            if answering:
+                rest = J
+                if i in answering:
+                    rest = self.whitened(i, external(slopes, residual, self.parts[i].common))
                 rest_information += rest.T @ rest
                 pull_of_rest += rest.T @ e
             means.append(np.column_stack((e, J))[-len(self.model.outputs) :] / self._zero[i][:, None])
@@ -215,10 +230,10 @@ class Posterior(WhittleLikelihood):
         growth = np.sqrt(np.maximum(np.diag(sandwich) / np.diag(fisher), 1.0))
         # The estimate weighs everything, and by that it follows what was taken as known, whatever its bars count.
         follows = fisher
-        if feedback_of or laws:
+        if answering:
             fisher = inverse(rest_information)
         covariance = fisher * np.outer(growth, growth)
-        if feedback_of or laws:
+        if answering:
             # Where the rest alone would have led: the two agree but for what the loop does to the estimate.
             apart = fisher @ pull_of_rest
             covariance += np.outer(apart, apart)
@@ -234,7 +249,7 @@ class Posterior(WhittleLikelihood):
         return PosteriorResult(
             self.model.names, at.theta[:P], at.theta[P:], covariance[:P, :P], fisher[:P, :P], prior_std, self.misfit,
             dict(self.spectra), self.model.outputs, tuple(at.residuals), passes, converged,
-            self.cost(at) + self._logdet, feedback_of, laws,
+            self.cost(at) + self._logdet, feedback_of, laws, bool(unclear) and not feedback_of,
             {doubt.name: shift[:P] for doubt, shift in zip(doubts, shifts, strict=True)},
             self._zeros(means, covariance),
         )  # fmt: skip

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from sysid.live.posterior_window import (
     WindowEstimate,
     estimate_window,
 )
+from sysid.posterior.closed_loop import SHORTEST_LOOP_S
 from sysid.signals.flight import FlightSignals
 
 pytestmark = pytest.mark.whole_flight
@@ -107,6 +109,20 @@ def test_nothing_is_told_before_the_first_window(reports: list[LiveReport]) -> N
             assert not any(one.known for one in report.coefficients.values())
     words = [one.why for one in reports[3].coefficients.values()]
     assert any("first estimate comes after 8 s of flight" in why for why in words)
+
+
+def test_an_autopilot_that_answers_gusts_is_looked_for_before_a_number_is_known(tmp_path: Path) -> None:
+    """After 10 s roll damping was known as a tenth of what it is, twelve bars off: what flew the aircraft."""
+    flight = field_flight("closed-loop", 0, tmp_path)
+    seen = told(flight.signals, flight.vehicle, until_s=22.0)
+    early = [one for report in seen if report.time_s < SHORTEST_LOOP_S for one in report.coefficients.values()]
+    assert not any(one.known for one in early)
+    assert any("whether an autopilot answers" in one.why for one in early)
+    last = {name: one for name, one in seen[-1].coefficients.items() if one.known and name in flight.truth}
+    assert len(last) >= 5
+    for name, one in last.items():
+        low, high = flight.truth[name]
+        assert max(low - one.value, one.value - high) < 4.0 * one.std, name
 
 
 def test_commands_stamped_later_move_no_coefficient_by_half_a_bar_and_come_after_their_cause() -> None:
