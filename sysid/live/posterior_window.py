@@ -45,6 +45,8 @@ WINDOW_S = 25.0  # that an estimate looks back over
 FIRST_S, EVERY_S = 8.0, 4.0
 # Without a vane the flow angle follows from what gusts and the attitude's errors leave of the kinematics.
 FIRST_WITHOUT_VANES_S = 20.0
+# A window so long shows whether an autopilot answers gusts, its ends cut.
+_JUDGED_S = SHORTEST_LOOP_S + 0.5
 # Share of one core that estimates may take.
 _SHARE = 0.06
 # Commands count from so long before the window on; the newest samples of slow sensors may still be on their way.
@@ -114,7 +116,7 @@ def estimate_window(
     if why := _too_short(found, end_s - begin_s):
         cost_s = time.process_time() - began
         return WindowEstimate(
-            begin_s, end_s, cost_s, _unknown(names, why), ends=_ends(found), again_s=SHORTEST_LOOP_S
+            begin_s, end_s, cost_s, _unknown(names, why), ends=_ends(found), again_s=_JUDGED_S
         )  # fmt: skip
     known = thrust_known(parts, vehicle)
     refused = {one.name: one for one in refusals_of(found, structure, known)}
@@ -139,7 +141,7 @@ def _too_short(found: PosteriorEstimate, length_s: float) -> str:
     """Why a window is too short to count, "" where it is not: in gusts that an autopilot may answer the aircraft cannot
     be distinguished from what flies it before there is enough to see whether one does.
     """
-    if not any(one.unclear for one in found.results.values()):
+    if length_s >= _JUDGED_S or not any(one.unclear for one in found.results.values()):
         return ""
     return f"in gusts {length_s:.0f} s are too short to see whether an autopilot answers them"
 
@@ -297,7 +299,9 @@ class SlidingWindow:
             return  # it began before what has changed since
         if found.problem and self.found is not None:
             statuses = _unknown(self.found.coefficients, found.problem)
-            found = replace(self.found, problem=found.problem, cost_s=found.cost_s, coefficients=statuses)
+            found = replace(
+                self.found, problem=found.problem, cost_s=found.cost_s, coefficients=statuses, again_s=np.inf
+            )
         found = replace(
             found, coefficients={name: self._doubted(name, one) for name, one in found.coefficients.items()}
         )
