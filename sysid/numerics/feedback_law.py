@@ -18,12 +18,15 @@ from sysid.arrays import Array
 LAW_OF: Mapping[str, Sequence[str]] = {"de": ("theta", "q"), "da": ("phi", "p"), "dr": ("r",)}
 # Share of a surface's motion that a law explains.
 _LAW_SHARE = 0.97
-# Delays of a law that are tried, s.
-_LAW_DELAYS_S = (0.0, 0.02, 0.04, 0.07, 0.10)
+# Delays of a law that are tried, s; and by how much a motion may follow its command.
+_LAW_DELAYS_S, _AHEAD_S = (0.0, 0.02, 0.04, 0.07, 0.10), (0.04, 0.07, 0.10)
+# A law leaves of a command at most so many times what the motion that follows it leaves: an aircraft that rolls at once
+# by its ailerons has a rate in proportion to them.
+_AS_LITTLE = 1.1
 
 
 def is_feedback_law(command: Callable[[Array], Array], time_s: Array, motion: Sequence[Array]) -> bool:
-    """Whether a command is nothing but gains times some measured motion, a little later.
+    """Whether a command is nothing but gains times some measured motion, a little later, and not its cause.
 
     Parameters
     ----------
@@ -41,10 +44,15 @@ def is_feedback_law(command: Callable[[Array], Array], time_s: Array, motion: Se
     """
     A = np.stack([*motion, np.ones(time_s.size)], axis=1)
     good = np.isfinite(A).all(axis=1)
-    for delay in _LAW_DELAYS_S:
+    if not good.any():
+        return False
+
+    def left(delay: float) -> float:
+        """Share of the command, so much later, that no law explains."""
         u = command(time_s + delay)[good]
-        off = float(np.var(u)) if u.size else 0.0
-        left = u - A[good] @ np.linalg.lstsq(A[good], u, rcond=None)[0]
-        if off > 0.0 and float(np.var(left)) < (1.0 - _LAW_SHARE) * off:
-            return True
-    return False
+        off = float(np.var(u))
+        rest = u - A[good] @ np.linalg.lstsq(A[good], u, rcond=None)[0]
+        return float(np.var(rest)) / off if off > 0.0 else np.inf
+
+    least = min(left(delay) for delay in _LAW_DELAYS_S)
+    return least < 1.0 - _LAW_SHARE and least <= _AS_LITTLE * min(left(-ahead) for ahead in _AHEAD_S)

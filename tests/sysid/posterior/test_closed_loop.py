@@ -93,6 +93,20 @@ def test_a_damper_is_a_law_of_the_motion_and_a_test_input_is_none() -> None:
     assert not is_feedback_law(InputSignal(grid, own, "joined").at, grid, [theta, q])
 
 
+def test_a_roll_that_follows_its_ailerons_at_once_makes_no_law_of_them() -> None:
+    """First order of 0.02 s, behind nothing: the rate is the command but for a hundredth, and comes after it."""
+    grid = GRID.points
+    da = 0.1 * np.sin(2.0 * np.pi * 0.7 * grid) + 0.05 * np.sin(2.0 * np.pi * 1.3 * grid + 1.0)
+    p = np.zeros_like(da)
+    for k in range(1, p.size):
+        p[k] = p[k - 1] + (4.0 * da[k - 1] - p[k - 1]) * (1.0 - np.exp(-1.0))
+    phi = np.cumsum(p) * 0.02
+    assert np.corrcoef(da, p)[0, 1] ** 2 > 0.97
+    assert not is_feedback_law(InputSignal(grid, da, "joined").at, grid, [phi, p])
+    # The same motion as cause.
+    assert is_feedback_law(InputSignal(grid, 0.3 * phi + 0.02 * p, "joined").at, grid, [phi, p])
+
+
 @pytest.mark.whole_flight
 def test_pitch_is_told_though_an_autopilot_answers_every_gust(answered: tuple[FieldFlight, Identification]) -> None:
     flight, found = answered
