@@ -16,6 +16,8 @@ from sysid.arrays import Array
 
 # Signals of which a hold or a damper makes the command of each surface.
 LAW_OF: Mapping[str, Sequence[str]] = {"de": ("theta", "q"), "da": ("phi", "p"), "dr": ("r",)}
+# Fewer samples are no evidence; a command of less variance, rad^2, rests.
+_FEWEST, _AT_REST = 50, 1e-12
 # Share of a surface's motion that a law explains.
 _LAW_SHARE = 0.97
 # Delays of a law that are tried, s; and by how much a motion may follow its command.
@@ -44,7 +46,7 @@ def is_feedback_law(command: Callable[[Array], Array], time_s: Array, motion: Se
     """
     A = np.stack([*motion, np.ones(time_s.size)], axis=1)
     good = np.isfinite(A).all(axis=1)
-    if not good.any():
+    if np.count_nonzero(good) < _FEWEST:
         return False
 
     def left(delay: float) -> float:
@@ -52,7 +54,7 @@ def is_feedback_law(command: Callable[[Array], Array], time_s: Array, motion: Se
         u = command(time_s + delay)[good]
         off = float(np.var(u))
         rest = u - A[good] @ np.linalg.lstsq(A[good], u, rcond=None)[0]
-        return float(np.var(rest)) / off if off > 0.0 else np.inf
+        return float(np.var(rest)) / off if off > _AT_REST else np.inf
 
     least = min(left(delay) for delay in _LAW_DELAYS_S)
     return least < 1.0 - _LAW_SHARE and least <= _AS_LITTLE * min(left(-ahead) for ahead in _AHEAD_S)

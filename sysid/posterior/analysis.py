@@ -16,7 +16,7 @@ from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.errors import DivergedError, EstimationError
 from sysid.numerics.gaussian import Gaussian
-from sysid.posterior.closed_loop import follow_laws
+from sysid.posterior.closed_loop import LEAST_SHARE, follow_laws
 from sysid.posterior.considered_errors import ConsiderParameter, doubts_of, flow_doubts
 from sysid.posterior.estimates import (
     SURFACE_WORDS,
@@ -202,7 +202,7 @@ def estimate(
         names = [name for name in own if whole and not still & set(parse_term(name).factors)]
         unexcited += [name for name in own if name not in names]
         outputs = outputs_of(group, parts)
-        if why := _lacking(group, outputs, names) or _answered_alone(group, parts, moved):
+        if why := _lacking(group, outputs, names):
             left_out[group] = why
             continue
         progress(0.45 * place, f"{group} axes")
@@ -218,7 +218,11 @@ def estimate(
             begin = partial(
                 _start_search, seen, vehicle, structure, names, free, group, outputs, known, stated, doubts,
             )  # fmt: skip
-            found[group] = _likelier_flow(begin, near.get(group, {}), FLOW_OF[group]).ended(fine)
+            ended = _likelier_flow(begin, near.get(group, {}), FLOW_OF[group]).ended(fine)
+            if why := _answered_alone(group, ended, moved):
+                left_out[group] = why
+            else:
+                found[group] = ended
         except EstimationError as error:
             left_out[group] = str(error)
             problem = DivergedError if isinstance(error, DivergedError) else problem
@@ -251,15 +255,19 @@ def _lacking(group: str, outputs: Sequence[str], names: Sequence[str]) -> str:
     return f"{lacking} is missing, or its sensor is dead" if lacking else ""
 
 
-def _answered_alone(group: str, parts: Sequence[FlightPart], moved: frozenset[str]) -> str:
+def _answered_alone(group: str, found: GroupEstimate, moved: frozenset[str]) -> str:
     """Why a group of axes is not known though its surfaces moved: a hold or a damper alone moved them, and it answers
-    what only gusts have done. Empty where one moved by itself.
+    what gusts alone have done. Empty where one moved by itself, or where little is left that could be answered.
     """
+    posterior = found.posterior
     surfaces = [name for name in SURFACES_OF[group] if name in moved]
-    if not surfaces or set(surfaces) - set(follow_laws(parts, surfaces)):
+    if not surfaces or set(surfaces) - set(follow_laws(posterior.parts, surfaces)):
+        return ""
+    left = posterior.most_answered(found.result.residuals, range(len(posterior.parts)))
+    if max(left) <= LEAST_SHARE:
         return ""
     words = " and ".join(SURFACE_WORDS[name] for name in surfaces)
-    return f"{words} did nothing but follow a law of the motion (a hold, a damper), and answer gusts; fly test inputs"
+    return f"{words} did nothing but follow a law of the motion (a hold, a damper), and answered gusts; fly test inputs"
 
 
 def _likelier_flow(begin: Callable[..., _GroupSearch], near: Mapping[str, float], flow: str) -> _GroupSearch:

@@ -21,6 +21,8 @@ from sysid.posterior.observations import CommonGrid
 SHORTEST_LOOP_S = 15.0
 # Share of a command's variance, beyond chance, below which it follows nothing.
 LEAST_SHARE = 0.05
+# What answers gusts never rests: half a second within such a share of its travel, in so much of a part, is no loop's.
+_REST_S, _REST_SHARE, _RESTING = 0.5, 0.02, 0.04
 # By so much more than it is of the motion a residual may be of a command: a loop that follows set points well has
 # commands that are small beside what it would do to the whole motion.
 _MOST_GAIN = 5.0
@@ -80,6 +82,16 @@ def feedback_share(command: InputSignal, residual: Array, common: CommonGrid, mo
     return adjusted if adjusted > LEAST_SHARE else 0.0
 
 
+def rests(command: InputSignal, grid: Array) -> bool:
+    """Whether a command lies still for a while, as between test inputs: in gusts no loop does."""
+    u = command.at(grid)
+    width = max(2, round(_REST_S / float(grid[1] - grid[0])))
+    if u.size <= width:
+        return False
+    spans = np.ptp(np.lib.stride_tricks.sliding_window_view(u, width), axis=1)
+    return bool(np.mean(spans < _REST_SHARE * np.ptp(u)) > _RESTING)
+
+
 def external(slopes: Array, residual: Array, common: CommonGrid) -> Array:
     """(m, K, P) slopes of simulated outputs less what a causal filter of the residuals (m, K) explains of them: what
     set points and test inputs did, and nothing that a loop made of noise.
@@ -115,13 +127,13 @@ def _normal_means(residual: Array, common: CommonGrid) -> tuple[Array, int]:
 
 
 def follow_laws(parts: Sequence[FlightPart], surfaces: Sequence[str]) -> tuple[str, ...]:
-    """Which of some surfaces nothing moves but a law of the motion, in any part."""
+    """Which of some surfaces nothing moves but a law of the motion, in every part in which they move."""
     found = []
     for name in surfaces:
         held = [
             is_feedback_law(part.inputs[name].at, part.grid, [part.motion[one] for one in LAW_OF[name]])
             for part in parts
-            if name in part.inputs
+            if name in part.inputs and np.ptp(part.inputs[name].at(part.grid)) > 0.0
         ]
         if held and all(held):
             found.append(name)

@@ -16,7 +16,7 @@ from sysid.problem.vehicle_errors import DENSITY, DENSITY_SHARE, doubts_of_mass,
 from sysid.signals.record import SURFACES
 
 _OUTPUTS = {"accelerometer": ("ax", "ay", "az"), "gyro": ("p", "q", "r")}
-# Half as much inertia again is another aircraft, and so is a stall that comes elsewhere: the change of its motion is no
+# Half as much inertia again is another aircraft, and so is a stall at another angle: the change of its motion is no
 # line. So a thousandth of the error, a thousand times.
 PARTS = 1000.0
 

@@ -21,6 +21,7 @@ from sysid.posterior.closed_loop import (
     feedback_share,
     follow_laws,
     most_answered,
+    rests,
 )
 from sysid.posterior.considered_errors import PARTS, ConsiderParameter
 from sysid.posterior.likelihood import Point, WhittleLikelihood
@@ -134,8 +135,18 @@ class Posterior(WhittleLikelihood):
         return max(self._feedback(self.point(theta), self._laws()).values(), default=0.0)
 
     def _unclear(self, at: Point) -> list[int]:
-        """Parts that are too short to see whether something answers what is left, where that is more than noise."""
-        short = [i for i, one in enumerate(self.parts) if one.duration_s < SHORTEST_LOOP_S and not one.position]
+        """Parts that are too short to see whether something answers what is left, where that is much of the motion, no
+        other part is long enough, and a surface never rests.
+        """
+        if any(one.duration_s >= SHORTEST_LOOP_S for one in self.parts):
+            return []
+        surfaces = SURFACES_OF[self.model.group]
+        short = [
+            i
+            for i, part in enumerate(self.parts)
+            if not part.position
+            and any(part.travel(n) > 0.0 and not rests(part.inputs[n], part.grid) for n in surfaces if n in part.inputs)
+        ]
         most = self.most_answered(at.residuals, short)
         return [i for i, share in zip(short, most, strict=True) if share > LEAST_SHARE]
 
@@ -240,6 +251,12 @@ class Posterior(WhittleLikelihood):
         # What the structure does not hold is wrong in the same way for as long as one flies: no time averages it.
         structure = self.misfit * gains @ fisher
         covariance += structure.T @ structure
+        if answering:
+            # What is left of the sensitivities never informs more than all of them.
+            structure = self.misfit * gains @ follows
+            least = np.diag(follows) * growth**2 + np.sum(structure**2, axis=0)
+            wider = np.sqrt(np.maximum(least / np.diag(covariance), 1.0))
+            covariance *= np.outer(wider, wider)
         shifts = PARTS * pulls @ follows
         for doubt, shift in zip(doubts, shifts, strict=True):
             covariance += doubt.stated * np.outer(shift, shift)

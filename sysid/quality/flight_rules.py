@@ -75,6 +75,8 @@ class SeenFlight:
 
         for stretch in self.prepared.stretches:
             felt = [stretch.data[name] for name in LAW_OF[surface] if name in stretch.data.columns]
+            if np.ptp(command(stretch.record.time_s)) == 0.0:
+                continue
             if not felt or not is_feedback_law(command, stretch.record.time_s, felt):
                 return False
         return True
@@ -180,7 +182,7 @@ def _not_flown(seen: SeenFlight) -> Iterator[Reason]:
         moved = [name for name in surfaces if seen.moved(name)]
         if not moved:
             yield Reason(POOR, f"{words} did not move", f"fly test inputs on {words}", axes)
-        elif all(seen.follows_a_law(name) for name in moved):
+        elif seen.gusts > 0.0 and all(seen.follows_a_law(name) for name in moved):
             alone = " and ".join(_SURFACES[name] for name in moved)
             text = f"{alone} did nothing but follow the motion (a hold, a damper), which gusts alone have excited"
             yield Reason(POOR, text, f"fly test inputs on {words}", axes, no_numbers=True)

@@ -41,7 +41,7 @@ from sysid.discrepancy.by_filter_error.verdict import found_model, is_rough, ref
 from sysid.discrepancy.comparison_types import MAX_EFFECTS, Asked, Compared, Outcome, Progress
 from sysid.discrepancy.gap import fixed_model
 from sysid.discrepancy.identified_effect import Named
-from sysid.errors import EstimationError
+from sysid.errors import EstimationError, SysidError
 from sysid.filter_error.estimation import build_filter
 from sysid.filter_error.estimator import FilterErrorResult
 from sysid.identification.moving_surfaces import with_surfaces_as_they_moved
@@ -86,7 +86,11 @@ def compare(asked: Asked, read: FlightsRead, proposed: Sequence[Named] = ()) -> 
     }
     stages["after"] = found_model(used, search) if search.result is not base.before else stages["before"]
     progress(0.74, "standard errors")
-    whole = _with_whole_errors(used, search)
+    whole, lacking = search.model, list[str]()
+    try:
+        whole = _with_whole_errors(used, search)
+    except SysidError as error:
+        lacking = [f"errors of what was taken as known could not be estimated: {error}"]
     air = search.result.turbulence
     judged = None
     if held_out:
@@ -100,7 +104,7 @@ def compare(asked: Asked, read: FlightsRead, proposed: Sequence[Named] = ()) -> 
         flights_quality([one.signals for one in read.fitted], prepared, vehicle, used.compatible.gust_sigma),
         (
             *(w for one in prepared for w in one.warnings), *(one.sentence for one in read.mistakes()),
-            *read.judged_warnings(),
+            *read.judged_warnings(), *lacking,
         ),
     )  # fmt: skip
 

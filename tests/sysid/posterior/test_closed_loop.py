@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,8 @@ from sim_vehicle.model.model_file import read_model
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.identification.identify import Identification, identify
 from sysid.numerics.feedback_law import is_feedback_law
-from sysid.posterior.closed_loop import external, feedback_share, most_answered
+from sysid.posterior.closed_loop import external, feedback_share, most_answered, rests
+from sysid.posterior.estimator import Posterior
 from sysid.posterior.inputs import InputSignal
 from sysid.posterior.observations import common_grid
 
@@ -145,6 +147,38 @@ def test_test_inputs_that_come_again_and_again_are_no_closed_loop() -> None:
     truth = read_model("iitb-mav").values()
     for name in ("Cm_alpha", "Cm_de", "Cl_p", "Cl_da", "Cn_beta"):
         assert found.model.coefficients[name].value == pytest.approx(truth[name], rel=0.02), name
+
+
+@pytest.mark.whole_flight
+def test_a_part_that_is_too_short_to_see_a_loop_has_no_narrower_bars(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flight = field_flight("closed-loop", 1, tmp_path)
+    part = partial(identify, [flight.signals], flight.vehicle, method="map", systematic=False, stop_s=12.0)
+    found = part()
+    assert any("too short to see whether an autopilot" in one for one in found.warnings)
+    monkeypatch.setattr(Posterior, "_unclear", lambda self, at: [])
+    alone = part()
+    assert found.posterior is not None
+    assert alone.posterior is not None
+    ratios = np.sqrt(np.diag(found.posterior.joint.covariance) / np.diag(alone.posterior.joint.covariance))
+    # Of the angle of attack and sideslip that each group takes from the other, a hundredth.
+    assert ratios.min() > 0.98
+    assert ratios.max() > 1.3
+
+
+def test_test_inputs_rest_and_an_answer_to_gusts_does_not() -> None:
+    grid = GRID.points
+    doublets = 0.05 * np.sign(np.sin(2.0 * np.pi * 0.5 * grid)) * (grid % 10.0 < 4.0)
+    assert rests(InputSignal(grid, doublets, "held"), grid)
+    assert not rests(InputSignal(grid, 0.02 * noise(8)[0], "joined"), grid)
+
+
+def test_a_few_samples_and_a_command_at_rest_are_no_law() -> None:
+    few, rest = np.arange(4.0), np.full(500, 0.1)
+    assert not is_feedback_law(lambda time_s: np.interp(time_s, few, few**2), few, [few, few**3])
+    grid = 0.02 * np.arange(500.0)
+    assert not is_feedback_law(lambda time_s: np.interp(time_s, grid, rest), grid, [np.sin(grid), np.cos(grid)])
 
 
 @pytest.mark.whole_flight
