@@ -32,7 +32,7 @@ check: setup  ## lint, format, types and dead code
 
 # In the order of the folders: those with few tests, whole flows, take longest and so come first.
 # Three workers on two cores: flights watched live wait for their own seconds, not for a processor.
-test: check  ## everything but what `make interop` tests (15 min)
+test: check  ## everything but what `make interop` tests (12 min)
 	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
 
 test-fast: check  ## without whole flights and services, between two changes (a minute and a half)
