@@ -67,6 +67,10 @@ def compare(asked: Asked, read: FlightsRead, proposed: Sequence[Named] = ()) -> 
     prepared = [one.as_measured(vehicle, asked.start_s, asked.stop_s) for one in read.fitted]
     progress(0.08, "data compatibility")
     compatible, span = check_compatibility(prepared), (asked.start_s, asked.stop_s)
+    worth = flights_quality([one.signals for one in read.fitted], prepared, vehicle, compatible.gust_sigma)
+    for one in worth.not_flown:
+        if one.no_numbers:
+            raise EstimationError(f"{one.sentence}; use --method map, which leaves these axes out")
     moving = with_surfaces_as_they_moved(read, vehicle, span, prepared, compatible)
     if moving is not None:
         prepared, compatible, vehicle = moving.prepared, moving.compatible, moving.vehicle
@@ -101,7 +105,7 @@ def compare(asked: Asked, read: FlightsRead, proposed: Sequence[Named] = ()) -> 
         "fe", verdict, tuple(search.named), whole, base.ruled_out,
         Compared(tuple(prepared), base.problem.motion, stages, used.compatible, air), judged,
         max(air.horizontal, air.vertical),
-        flights_quality([one.signals for one in read.fitted], prepared, vehicle, used.compatible.gust_sigma),
+        worth,
         (
             *(w for one in prepared for w in one.warnings), *(one.sentence for one in read.mistakes()),
             *read.judged_warnings(), *lacking,

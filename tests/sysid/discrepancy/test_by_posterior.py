@@ -22,6 +22,7 @@ from sysid.discrepancy import discrepancy
 from sysid.discrepancy.by_posterior.group_fits import fresh_unknown, is_size
 from sysid.discrepancy.by_posterior.ideal_sensors import with_ideal_sensors
 from sysid.discrepancy.candidates import Candidate
+from sysid.errors import EstimationError
 
 pytestmark = pytest.mark.whole_flight
 
@@ -71,6 +72,15 @@ def test_nothing_is_named_where_nothing_is_missing(tmp_path: Path) -> None:
         assert model[name]["statistical_std"] < model[name]["std"]
     # What the servos do is no missing effect, and is said.
     assert any("servos" in line for line in found["reasons"])
+
+
+def test_axes_that_a_hold_alone_has_moved_are_taken_by_neither_method(tmp_path: Path) -> None:
+    flown = hidden_flight("none", "odd", 2, tmp_path)
+    with pytest.raises(EstimationError, match="aileron did nothing but follow.*use --method map"):
+        discrepancy([flown.signals], flown.vehicle, flown.model, method="fe")
+    found = discrepancy([flown.signals], flown.vehicle, flown.model)
+    assert (found["method"], found["effects"]) == ("map", [])
+    assert found["model"]["coefficients"]["Cl_p"]["value"] == flown.model.values()["Cl_p"]
 
 
 def test_physics_that_the_catalogue_lacks_gets_no_name(tmp_path: Path) -> None:
