@@ -76,7 +76,7 @@ def test_nothing_is_named_where_nothing_is_missing(tmp_path: Path) -> None:
 
 def test_axes_that_a_hold_alone_has_moved_are_taken_by_neither_method(tmp_path: Path) -> None:
     flown = hidden_flight("none", "odd", 2, tmp_path)
-    with pytest.raises(EstimationError, match="aileron did nothing but follow.*use --method map"):
+    with pytest.raises(EstimationError, match=r"aileron did nothing but follow.*use --method map"):
         discrepancy([flown.signals], flown.vehicle, flown.model, method="fe")
     found = discrepancy([flown.signals], flown.vehicle, flown.model)
     assert (found["method"], found["effects"]) == ("map", [])
