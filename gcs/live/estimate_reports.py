@@ -42,7 +42,8 @@ class EstimateReports:
 
     def __init__(self, vehicle: Vehicle, runner: Runner | None = None) -> None:
         self._identifier = LiveIdentifier(vehicle, runner)
-        self._fresh = False
+        # Messages are in no estimate yet; estimates have been made that no report holds.
+        self._fresh = self._owed = False
         self._reported_s, self._heard_s = -np.inf, np.inf
         self._waiting: list[Array] = []
         # Of each estimate: when, monotonic, the process' time, s, and the delay of each message that it is the first
@@ -60,20 +61,24 @@ class EstimateReports:
         if not self._fresh:
             return None
         values = self._identifier.update()
+        self._owed = True
         self._note(now_s)
         return {"time_s": finite_or_none(self._identifier.time_s), "values": values} if values else None
 
     def due(self, now_s: float) -> dict[str, Any] | None:
-        """The report by all messages so far, a little more than twice a second while they come; else None, until what
-        came last is in an estimate.
+        """The report by all messages so far, a little more than twice a second while they come; else None, but for what
+        was estimated since the last report and what still comes of the last messages.
         """
         if self._fresh:
             self._heard_s = now_s
         elif now_s > self._heard_s + _SILENT_S:
             self._identifier.finish()
-        if not (self._fresh or self._identifier.has_news) or now_s - self._reported_s < _EVERY_S - _SLACK_S:
+        if (
+            not (self._fresh or self._owed or self._identifier.has_news)
+            or now_s - self._reported_s < _EVERY_S - _SLACK_S
+        ):
             return None
-        self._reported_s = now_s
+        self._reported_s, self._owed = now_s, False
         report = self._identifier.report()
         if self._fresh:
             self._note(now_s)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+from concurrent.futures import Future
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,9 @@ from gcs.mavlink.dialect import Dialect
 from gcs.settings import Settings
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.live.identifier import LiveIdentifier
+from sysid.live.posterior_window import WindowEstimate
 from sysid.live.recursive.change_detection import ChangeDetector
+from sysid.live.recursive.coefficient_status import CoefficientStatus
 
 TURN_S = 0.1
 
@@ -60,6 +63,38 @@ def test_messages_that_no_estimate_holds_are_not_kept_and_have_no_latency() -> N
     assert report is not None
     assert report["latency_ms"] is None
     assert sum(part.shape[1] for part in reports._waiting) <= 51
+
+
+class Asked:
+    """A runner whose promises are kept by the test."""
+
+    def __init__(self) -> None:
+        self.promises: list[Future[WindowEstimate]] = []
+
+    def submit(self, function: object, /, *arguments: object) -> Future[WindowEstimate]:
+        self.promises.append(Future())
+        return self.promises[-1]
+
+
+def test_an_estimate_that_was_done_with_the_last_messages_is_in_a_report_after_them() -> None:
+    runner = Asked()
+    reports, now = EstimateReports(load_vehicle("iitb-mav"), runner), 0.0
+    for turn, part in enumerate(pieces(fly_mav("multisine", 5, duration=9.0)[0], TURN_S), 1):
+        now = turn * TURN_S
+        samples = {name: Samples(*entry) for name, entry in part.items() if entry[0].size}
+        reports.take(samples, part["az"][0], np.rint(part["az"][0] * 1e9).astype(np.int64))
+        reports.due(now)
+    (promise,) = runner.promises
+    reports.take(samples, part["az"][0], np.rint(part["az"][0] * 1e9).astype(np.int64))
+    assert reports.due(now) is None  # the last report has been just now
+    lift = CoefficientStatus("CL_alpha", 5.0, 0.1, True)
+    promise.set_result(WindowEstimate(0.0, 8.2, 1.0, {"CL_alpha": lift}))
+    values = reports.update(now)
+    assert values is not None
+    assert values["values"]["CL_alpha"] == (5.0, 0.1)
+    after = [reports.due(now + 0.1 * turn) for turn in range(1, 30)]
+    (told,) = [one for one in after if one is not None]
+    assert told["coefficients"]["CL_alpha"]["known"]
 
 
 def test_newer_values_are_in_what_the_service_knows_without_a_new_event(tmp_path: Path) -> None:
