@@ -101,6 +101,13 @@ CAMPAIGNS = {
         {"FAMILIES": "", "SEEDS": "", "KNOWN": ""},
         hint="less of it: FAMILIES=typical SEEDS=1 KNOWN=guessed",
     ),
+    "tuning": LongRun(
+        "tests/campaign/tuning.py",
+        "whether intervals of the parameters hold that `gcs tune` proposes",
+        "42 flights, 5 min; what is there is kept",
+        {"FAMILIES": "", "SEEDS": "", "FIRST": ""},
+        hint="less of it: FAMILIES=typical,aerosonde SEEDS=2; FIRST=100: other flights",
+    ),
     "jsbsim": LongRun(
         "tests/campaign/other_engine.py",
         "how true identification is to another engine",

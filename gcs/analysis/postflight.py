@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from gcs.analysis.aircraft import aircraft_json
 from gcs.analysis.incomplete import cut_off, naming_cuts, with_warnings
 from gcs.analysis.provenance import made
 from gcs.analysis.sameflight import repeated, same
@@ -131,6 +132,7 @@ def identify(
         **({"as_recorded": list(as_recorded)} if as_recorded else {}),
     }  # fmt: skip
     models = [path for path in (structure, prior) if path is not None and path.is_file()]
+    result["aircraft"] = aircraft_json(craft.path, paths, flights, system)
     result["made"] = made(settings, [*paths, *validate, craft.path, *models])
     return result
 

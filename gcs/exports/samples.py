@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -17,12 +17,16 @@ from sysid.problem.vehicle_errors import doubts_of_mass, heavier
 from sysid.uncertainty.total import error_parts
 
 
-def drawn(model: Exported, count: int, seed: int = 0) -> list[Exported]:
+def drawn(
+    model: Exported, count: int, seed: int = 0, without: Callable[[str], bool] = lambda source: False
+) -> list[Exported]:
     """Models whose estimates are drawn together, with the correlations of the model file; what has no error stays.
 
     Each has a mass and moments of inertia of its own, those that its coefficients were found with: a flight shows Cm
     over Iyy. Parameters of effects stay within the catalogue's ranges. Raises ExportError for a model without
     correlations.
+
+    without: whether an error that was taken as known counts for nothing, by its name.
     """
     errors = error_parts(model.model)
     if errors is None:
@@ -38,6 +42,8 @@ def drawn(model: Exported, count: int, seed: int = 0) -> list[Exported]:
     for number, row in enumerate(rows, 1):
         vehicle, values = model.vehicle, row.copy()
         for source, shift in errors.shifts.items():
+            if without(source):
+                continue
             change = of_mass.get(source, {})
             size = _of_one_sign(vehicle, change, float(random.standard_normal()))
             values += size * shift

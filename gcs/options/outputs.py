@@ -72,6 +72,7 @@ SKETCH = FileKind("drawing by vehicle show", "<svg [^>]*from above and from the 
 PULSES = FileKind("schedule of pulse widths", r"time_s(?:,servo\d+_us)+\r?\n")
 SCRIPT = FileKind("script by design", "-- A flight test for ArduPilot Plane")
 FLEET_TABLE = FileKind("table of a batch", '"?flight"?,"?source"?,"?aircraft"?,', ("flight", "source", "aircraft"))
+PARAMETERS = FileKind("file of parameters by this program", "# Parameters proposed by gcs")
 NEW = FileKind("")
 
 

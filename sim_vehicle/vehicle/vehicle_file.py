@@ -7,6 +7,7 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -132,7 +133,12 @@ def vehicle_from_text(text: str, path: Path, *, tables_in: Path | None = None) -
         data = tomllib.loads(text)
     except ValueError as error:  # a TOMLDecodeError, or an integer of thousands of digits
         raise VehicleFileError(f"{path}: is not a TOML file: {error}") from error
-    top = Table(data, str(path))
+    return vehicle_from_tables(data, path, tables_in=tables_in)
+
+
+def vehicle_from_tables(data: Mapping[str, Any], path: Path, *, tables_in: Path | None = None) -> Vehicle:
+    """The vehicle of a file's tables, as TOML or JSON reads them; as `vehicle_from_text`."""
+    top = Table(dict(data), str(path))
     if problem := extreme(data):
         raise top.error(*problem)
     return _read(top, path, tables_in)

@@ -32,7 +32,7 @@ from sysid.signals.calibration import Calibration
 from sysid.signals.preparation import Prepared
 from sysid.signals.record import OUTPUTS, SURFACES, Record, angle_wrap
 from sysid.signals.redundant_sensors import PAIRS
-from sysid.uncertainty.systematic import SHARE
+from sysid.uncertainty.systematic import LINKAGE, SHARE
 
 _OF_LINKAGE = ("_gain_std", "_bias_std")
 MEASURED = ("alpha", "beta", "airspeed")
@@ -100,6 +100,11 @@ def linkage_errors(vehicle: Vehicle) -> list[BenchError]:
 def is_of_linkage(source: str) -> bool:
     """Whether a source is one of `linkage_errors`."""
     return source.endswith(_OF_LINKAGE)
+
+
+def is_of_travel(source: str) -> bool:
+    """Whether a source is about how far surfaces move, which cancels in whatever is asked in shares of their travel."""
+    return is_of_linkage(source) or source == LINKAGE.name
 
 
 def is_of_surfaces(source: str) -> bool:

@@ -4,6 +4,7 @@ which wait for it to arm them as docs/reference/simulator.md shows."""
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -15,7 +16,11 @@ from pathlib import Path
 
 import pytest
 from patience import PATIENCE_S
-from processes import free_port, start
+from processes import free_port, run, start
+from pymavlink import mavutil
+from tuned_result import a_result
+
+from sim_vehicle.model.model_file import read_model
 
 
 class MAVProxy:
@@ -96,3 +101,58 @@ def test_it_lists_both_vehicles_fetches_their_parameters_and_arms(session: MAVPr
     session.type("disarm")
     session.wait_for("Got COMMAND_ACK: COMPONENT_ARM_DISARM: DENIED")
     assert session.printed.index("\nARMED") < session.printed.index("DISARM: DENIED")
+
+
+class Plane(threading.Thread):
+    """An autopilot that does nothing but keep parameters, by pymavlink."""
+
+    def __init__(self, port: int, parameters: dict[str, float]) -> None:
+        super().__init__(daemon=True)
+        self.parameters = parameters
+        self.done = threading.Event()
+        self._link = mavutil.mavlink_connection(f"udpout:127.0.0.1:{port}", source_system=1, source_component=1)
+
+    def run(self) -> None:
+        beaten = -1.0
+        while not self.done.is_set():
+            if time.monotonic() > beaten + 0.5:
+                beaten = time.monotonic()
+                mavlink = mavutil.mavlink
+                self._link.mav.heartbeat_send(mavlink.MAV_TYPE_FIXED_WING, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, 0, 0, 4)
+            message = self._link.recv_match(
+                type=["PARAM_REQUEST_LIST", "PARAM_REQUEST_READ", "PARAM_SET"], blocking=True, timeout=0.1
+            )
+            if message is None:
+                continue
+            if message.get_type() == "PARAM_REQUEST_LIST":
+                for name in self.parameters:
+                    self._send(name)
+                continue
+            name = message.param_id
+            if message.get_type() == "PARAM_SET":
+                self.parameters[name] = message.param_value
+            self._send(name if name else list(self.parameters)[message.param_index])
+        self._link.close()
+
+    def _send(self, name: str) -> None:
+        names = list(self.parameters)
+        self._link.mav.param_value_send(name.encode(), self.parameters[name], 9, len(names), names.index(name))
+
+
+def test_it_loads_the_parameters_that_a_flight_proposes(tmp_path: Path) -> None:
+    result, file = tmp_path / "result.json", tmp_path / "plane.param"
+    result.write_text(json.dumps(a_result(read_model("iitb-mav"))))
+    done = run("gcs", "tune", result, "--for", "ardupilot", "-o", file, "--json")
+    assert done.returncode == 0, done.stderr
+    proposed = {one["name"]: one["value"] for one in json.loads(done.stdout)["parameters"]}
+    port = free_port()
+    with mavproxy(port, tmp_path) as opened:
+        plane = Plane(port, dict.fromkeys(proposed, 0.125))
+        plane.start()
+        opened.wait_for(f"Received {len(proposed)} parameters", typing="param fetch")
+        opened.type(f"param load {file}")
+        opened.wait_for(f"Loaded {len(proposed)} parameters")
+        plane.done.set()
+        plane.join(PATIENCE_S)
+    assert "Invalid line" not in opened.printed
+    assert plane.parameters == {name: pytest.approx(value, rel=1e-6) for name, value in proposed.items()}

@@ -1,0 +1,1 @@
+"""What an identified model says of an autopilot's parameters."""

@@ -1,0 +1,280 @@
+"""Parameters of an autopilot that a flight says something of: what each is now, what is proposed, why, or why not.
+
+ArduPilot: "Complete parameter list" of Plane and its rate controllers (AP_RollController, AP_PitchController); PX4:
+"Parameter reference" and FixedwingRateControl. A demand of 1 (ArduPilot: 45 notional degrees) moves a surface by half
+of its travel; the feedforward moves it by so much of that as a steady rate needs, at the speed that gains are scaled
+to.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from gcs.errors import SettingsError
+from gcs.exports.exported import Exported
+from gcs.tuning.findings import Findings, Quantity
+from sim_vehicle.vehicle.controls import OUTPUTS, PORTS, Control, servo_pwm
+from sim_vehicle.vehicle.vehicle_file import Vehicle
+
+AUTOPILOTS = ("ardupilot", "px4")
+# ArduPilot's servo functions of two surfaces in one, whose share of each demand is MIXING_GAIN.
+_MIXED, _MIXING_GAIN = (77, 78, 79, 80), 0.5
+_NOTIONAL_DEG = 45.0
+# Speeds that gains are scaled to where the log does not say: ArduPilot's SCALING_SPEED, PX4's FW_AIRSPD_TRIM, m/s.
+_SCALING_SPEED = 15.0
+# The slowest speed over that of the stall, as ArduPilot's documentation of AIRSPEED_MIN asks for.
+_OVER_STALL = 1.2
+# Half of an interval, beyond which nobody should act on a number: share of the value, rad, us.
+_WIDEST_SHARE, _WIDEST_ANGLE, _WIDEST_PULSE = 0.35, math.radians(2.0), 40.0
+_WIDEST_RATIO = 0.08
+_RATE = "a steady rate needs so much of the surface's travel"
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A parameter. now: its value in the log, None where the log does not hold it. interval: 95 %, None where no error
+    is known. refused: why nothing is proposed, "" where something is.
+    """
+
+    name: str
+    now: float | None
+    value: float = math.nan
+    interval: tuple[float, float] | None = None
+    unit: str = "1"
+    reason: str = ""
+    refused: str = ""
+
+    def to_json(self) -> dict[str, Any]:
+        """The entry of schema tuning/1."""
+        if self.refused:
+            return {"name": self.name, "now": self.now, "refused": self.refused}
+        between = None if self.interval is None else list(self.interval)
+        return {
+            "name": self.name, "now": self.now, "value": self.value, "interval": between, "unit": self.unit,
+            "reason": self.reason,
+        }  # fmt: skip
+
+
+class _Parameters:
+    """Those of the log, and what is proposed of them."""
+
+    def __init__(self, now: Mapping[str, float], found: Findings) -> None:
+        self.now, self.found = now, found
+        self.proposals: list[Proposal] = []
+
+    def named(self, *names: str) -> str:
+        """The first of a parameter's names, by the autopilot's version, that the log holds; else the newest."""
+        return next((name for name in names if name in self.now), names[0])
+
+    def propose(
+        self,
+        name: str,
+        of: str,
+        function: Callable[[float], float],
+        unit: str,
+        reason: str,
+        widest: float | None = None,
+        digits: int = 4,
+    ) -> None:
+        """A parameter that is a function of a quantity. widest: half of the widest interval that is one to act on, in
+        the parameter's unit; None takes a share of its value.
+        """
+        found = self.found.quantities.get(of)
+        if found is None:
+            self.refuse(name, self.found.refused.get(of, "the flight does not show it"))
+            return
+        self.take(name, found.map(function, unit), reason, widest, digits)
+
+    def take(self, name: str, found: Quantity, reason: str, widest: float | None, digits: int = 4) -> None:
+        """A parameter that is a quantity."""
+        ends = found.interval
+        most = _WIDEST_SHARE * abs(found.value) if widest is None else widest
+        if ends is not None and (ends[1] - ends[0]) / 2.0 > most:
+            unit = "" if found.unit == "1" else f" {found.unit}"
+            self.refuse(name, f"the flight leaves it between {ends[0]:.3g} and {ends[1]:.3g}{unit} (95 %)")
+            return
+        value = round(found.value, digits)
+        self.proposals.append(Proposal(name, self.now.get(name), value, ends, found.unit, reason))
+
+    def refuse(self, name: str, why: str) -> None:
+        """Nothing is proposed."""
+        self.proposals.append(Proposal(name, self.now.get(name), refused=why))
+
+
+def proposals(
+    autopilot: str, found: Findings, model: Exported, stall: Quantity | str, now: Mapping[str, float]
+) -> list[Proposal]:
+    """Every parameter that a flight can say something of. stall: equivalent airspeed of the stall, m/s, or why it is
+    not known. now: the autopilot's parameters. Raises SettingsError for another autopilot.
+    """
+    if autopilot not in AUTOPILOTS:
+        raise SettingsError(f"--for {autopilot}: one of {', '.join(AUTOPILOTS)}")
+    parameters = _Parameters(now, found)
+    (_ardupilot if autopilot == "ardupilot" else _px4)(parameters, model.vehicle, stall)
+    return parameters.proposals
+
+
+def _ardupilot(parameters: _Parameters, vehicle: Vehicle, stall: Quantity | str) -> None:
+    now, found = parameters.now, parameters.found
+    _air_data(parameters, parameters.named("ARSPD_RATIO"), 2.0, now.get("ARSPD_RATIO"))
+    for axis, name in (("roll", "AHRS_TRIM_X"), ("pitch", "AHRS_TRIM_Y")):
+        _level(parameters, name, axis, 1.0, "rad")
+    _servo_trims(parameters, vehicle, lambda servo: f"SERVO{servo}_TRIM")
+    speed = now.get("SCALING_SPEED", _SCALING_SPEED)
+    for name, of, control in (
+        ("RLL_RATE_FF", "roll_deflection", "aileron"),
+        ("PTCH_RATE_FF", "pitch_deflection", "elevator"),
+    ):
+        full = _full_travel(vehicle, control, lambda servo: _by_mixing(now, servo))
+        gain = _NOTIONAL_DEG / math.degrees(full) / speed if full else math.nan
+        _feedforward(parameters, name, of, control, gain, f"SCALING_SPEED {speed:g} m/s")
+    level = f"level flight at the {found.airspeed:.1f} m/s flown"
+    parameters.propose("TRIM_THROTTLE", "throttle", lambda k: 100.0 * k, "%", f"throttle of {level}", 10.0, 0)
+    parameters.propose("TECS_CLMB_MAX", "climb", float, "m/s", f"climb at full throttle at {found.airspeed:.1f} m/s")
+    parameters.propose("TECS_SINK_MIN", "sink", float, "m/s", f"sink in a glide at {found.airspeed:.1f} m/s")
+    _speeds(parameters, stall, parameters.named("AIRSPEED_MIN", "ARSPD_FBW_MIN"), "AIRSPEED_STALL")
+    bank = parameters.named("ROLL_LIMIT_DEG", "LIM_ROLL_CD")
+    _bank(parameters, stall, bank, 100.0 if bank.endswith("_CD") else 1.0)
+    pitch = parameters.named("PTCH_LIM_MAX_DEG", "LIM_PITCH_MAX")
+    _steepest(parameters, pitch, 1.0 if pitch.endswith("_DEG") else 100.0)
+
+
+def _px4(parameters: _Parameters, vehicle: Vehicle, stall: Quantity | str) -> None:
+    now, found = parameters.now, parameters.found
+    scale = parameters.named("ASPD_SCALE_1", "ASPD_SCALE")
+    _air_data(parameters, scale, 1.0, now.get(scale, 1.0))
+    for axis, name in (("roll", "SENS_BOARD_X_OFF"), ("pitch", "SENS_BOARD_Y_OFF")):
+        _level(parameters, name, axis, math.degrees(1.0), "deg")
+    _servo_trims(parameters, vehicle, _px4_centre)
+    speed = now.get("FW_AIRSPD_TRIM", _SCALING_SPEED) * found.eas2tas
+    for name, of, control in (
+        ("FW_RR_FF", "roll_deflection", "aileron"),
+        ("FW_PR_FF", "pitch_deflection", "elevator"),
+    ):
+        full = _full_travel(vehicle, control, lambda servo: 1.0)
+        at = f"FW_AIRSPD_TRIM {now.get('FW_AIRSPD_TRIM', _SCALING_SPEED):g} m/s"
+        _feedforward(parameters, name, of, control, 1.0 / (full * speed) if full else math.nan, at)
+    level = f"level flight at the {found.airspeed:.1f} m/s flown"
+    parameters.propose("FW_THR_TRIM", "throttle", float, "1", f"throttle of {level}", 0.1, 3)
+    parameters.propose("FW_T_CLMB_MAX", "climb", float, "m/s", f"climb at full throttle at {found.airspeed:.1f} m/s")
+    parameters.propose("FW_T_SINK_MIN", "sink", float, "m/s", f"sink in a glide at {found.airspeed:.1f} m/s")
+    _speeds(parameters, stall, "FW_AIRSPD_MIN", "FW_AIRSPD_STALL")
+    _bank(parameters, stall, "FW_R_LIM", 1.0)
+    _steepest(parameters, "FW_P_LIM_MAX", 1.0)
+
+
+def _air_data(parameters: _Parameters, name: str, power: float, now: float | None) -> None:
+    """The factor of the pitot tube's reading, which the airspeed goes with to the power of 1 / `power`."""
+    if now is None or not now > 0.0:
+        parameters.refuse(name, "the log does not hold what it is now, which the proposal is a multiple of")
+        return
+    found = parameters.found.quantities.get("airspeed_reading")
+    share = "" if found is None else f"airspeed reads {100.0 * (found.value - 1.0):+.1f} % of what it is"
+    widest = _WIDEST_RATIO * now
+    parameters.propose(name, "airspeed_reading", lambda reads: now / reads**power, "1", share, widest)
+
+
+def _level(parameters: _Parameters, name: str, axis: str, factor: float, unit: str) -> None:
+    """How the board is turned against the aircraft: an attitude that reads too high is taken off."""
+    now = parameters.now.get(name, 0.0)
+    reading = f"{axis}_reading"
+    found = parameters.found.quantities.get(reading)
+    by = "" if found is None else f"{axis} reads {math.degrees(found.value):+.2f} deg against the accelerometers"
+    parameters.propose(name, reading, lambda off: now + factor * off, unit, by, factor * _WIDEST_ANGLE, 5)
+
+
+def _servo_trims(parameters: _Parameters, vehicle: Vehicle, name: Callable[[int], str]) -> None:
+    """Pulses at which the surfaces hold level flight, so that a demand of nothing does."""
+    found = parameters.found
+    controls = {key: one for key, one in vehicle.controls.items() if key != "throttle" and one.servos}
+    axes = {"elevator": "de", "aileron": "da", "rudder": "dr"}
+    for servo in sorted({servo for one in controls.values() for servo in one.servos}):
+        # A servo of two surfaces is moved by both.
+        own = [key for key, one in controls.items() if servo in one.servos]
+        missing = [axes[key] for key in own if axes[key] not in found.quantities]
+        if missing:
+            parameters.refuse(name(servo), found.refused.get(missing[0], "the flight does not show it"))
+            continue
+        trims = {key: found.quantities[axes[key]] for key in controls if axes[key] in found.quantities}
+        held = {key: one.value for key, one in trims.items()}
+        drawn = np.array([one.drawn for one in trims.values()]).T
+        values = [servo_pwm(controls, dict(zip(trims, row.tolist(), strict=True)))[servo] for row in drawn]
+        why = f"{' and '.join(own)} of level flight at the {found.airspeed:.1f} m/s flown"
+        parameters.take(name(servo), Quantity(servo_pwm(controls, held)[servo], np.array(values), "us"), why,
+                        _WIDEST_PULSE, 0)  # fmt: skip
+
+
+def _px4_centre(servo: int) -> str:
+    port, place = divmod(servo - 1, OUTPUTS)
+    return f"PWM_{PORTS[port]}_CENT{place + 1}"
+
+
+def _by_mixing(now: Mapping[str, float], servo: int) -> float:
+    """Share of a full demand that moves a servo of ArduPilot's."""
+    return now.get("MIXING_GAIN", _MIXING_GAIN) if int(now.get(f"SERVO{servo}_FUNCTION", 0)) in _MIXED else 1.0
+
+
+def _full_travel(vehicle: Vehicle, name: str, share: Callable[[int], float]) -> float:
+    """Deflection at a full demand, rad: half of the travel; 0 where no servo is known. share: of a servo's travel that
+    a full demand moves it by.
+    """
+    control: Control | None = vehicle.controls.get(name)
+    if control is None or not control.servos:
+        return 0.0
+    rows = zip(control.servos, control.mix, control.deflection, strict=True)
+    return sum(abs(weight * (ys[-1] - ys[0])) / 2.0 * share(servo) for servo, weight, ys in rows)
+
+
+def _feedforward(parameters: _Parameters, name: str, of: str, control: str, gain: float, at: str) -> None:
+    if math.isnan(gain):
+        parameters.refuse(name, f"no servo of the {control} is known")
+        return
+    parameters.propose(name, of, lambda deflection: gain * deflection, "s", f"{_RATE} ({control}), at {at}")
+
+
+def _speeds(parameters: _Parameters, stall: Quantity | str, slowest: str, stalling: str) -> None:
+    if isinstance(stall, str):
+        parameters.refuse(slowest, stall)
+        parameters.refuse(stalling, stall)
+        return
+    why = f"{_OVER_STALL:g} times the stall speed"
+    parameters.take(slowest, stall.map(lambda speed: _OVER_STALL * speed, "m/s"), why, None, 1)
+    parameters.take(stalling, stall, "the stall that was flown", None, 1)
+
+
+def _bank(parameters: _Parameters, stall: Quantity | str, name: str, factor: float) -> None:
+    """The level turn at the speed flown that is as far from the stall as the slowest level flight should be."""
+    if isinstance(stall, str):
+        parameters.refuse(name, stall)
+        return
+    speed = parameters.found.equivalent_airspeed
+
+    def bank(slow: float) -> float:
+        load = (speed / (_OVER_STALL * slow)) ** 2
+        return factor * math.degrees(math.acos(1.0 / load)) if load > 1.0 else 0.0
+
+    unit = "deg" if factor == 1.0 else "cdeg"
+    why = f"the level turn at {speed:.1f} m/s that keeps {_OVER_STALL:g} times its stall speed"
+    parameters.take(name, stall.map(bank, unit), why, None, 0)
+
+
+def _steepest(parameters: _Parameters, name: str, factor: float) -> None:
+    """Pitch in the climb at full throttle at the speed flown: angle of the path and of attack."""
+    climb, alpha = (parameters.found.quantities.get(one) for one in ("climb", "alpha"))
+    if climb is None or alpha is None:
+        parameters.refuse(name, next(parameters.found.refused.get(one, "") for one in ("climb", "alpha")))
+        return
+    speed = parameters.found.airspeed
+
+    def pitch(up: float, attack: float) -> float:
+        return factor * math.degrees(math.asin(min(max(up / speed, -1.0), 1.0)) + attack)
+
+    values = [pitch(up, attack) for up, attack in zip(climb.drawn.tolist(), alpha.drawn.tolist(), strict=True)]
+    unit = "deg" if factor == 1.0 else "cdeg"
+    found = Quantity(pitch(climb.value, alpha.value), np.array(values), unit)
+    parameters.take(name, found, f"pitch of the steepest climb that lasts, at {speed:.1f} m/s", None, 0)
