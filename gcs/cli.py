@@ -36,7 +36,17 @@ GROUPS = {
     "before a flight": ("vehicle", "calibrate", "noise", "design"),
     "in flight": ("record", "serve", "station", "token", "replay"),
     "recordings and logs": ("import", "export", "info", "recover", "repair"),
-    "after a flight": ("check", "identify", "report", "discrepancy", "performance", "tune", "batch", "export-model"),
+    "after a flight": (
+        "check",
+        "identify",
+        "report",
+        "discrepancy",
+        "performance",
+        "tune",
+        "coast",
+        "batch",
+        "export-model",
+    ),
 }
 _WRONG_USE = (SettingsError, LinkUrlError, VehicleFileError)
 

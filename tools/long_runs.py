@@ -108,6 +108,13 @@ CAMPAIGNS = {
         {"FAMILIES": "", "SEEDS": "", "FIRST": ""},
         hint="less of it: FAMILIES=typical,aerosonde SEEDS=2; FIRST=100: other flights",
     ),
+    "coast": LongRun(
+        "tests/campaign/coasting.py",
+        "how far `gcs coast` strays in a minute without GPS, and whether its ellipses hold that",
+        "60 cuts of 30 flights of JSBSim's, 10 min; what is there is kept",
+        {"FAMILIES": "", "SEEDS": "", "FIRST": ""},
+        hint="less of it: FAMILIES=typical SEEDS=2; FIRST=100: other flights",
+    ),
     "jsbsim": LongRun(
         "tests/campaign/other_engine.py",
         "how true identification is to another engine",

@@ -66,6 +66,7 @@ def _json(words: str, schema: str) -> FileKind:
 IDENTIFICATION = _json("result of identify", "identification/1")
 DISCREPANCY = _json("result of discrepancy", "discrepancy/1")
 MODEL = _json("model file", "model/1")
+COAST = _json("result of coast", "coast/1")
 PLAN = _json("plan", "plan/1")
 HTML = FileKind("report of this program", f"<!DOCTYPE html>.*{re.escape(GENERATOR)}")
 SKETCH = FileKind("drawing by vehicle show", "<svg [^>]*from above and from the front, to scale")

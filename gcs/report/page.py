@@ -26,12 +26,16 @@ _UNACCEPTABLE = "Not acceptable, fly again"
 
 
 def report(result: Any, beside: Sequence[Any] = ()) -> str:
-    """One HTML document of a result of schema identification/1 or discrepancy/1.
+    """One HTML document of a result of schema identification/1, discrepancy/1 or coast/1.
 
     beside: results whose coefficients stand beside those of an identification. Raises ReportError for any other.
     """
     schema = result.get("schema") if isinstance(result, dict) else None
-    pages = {"identification/1": lambda one: _identification(one, beside), "discrepancy/1": _discrepancy}
+    pages = {
+        "identification/1": lambda one: _identification(one, beside),
+        "discrepancy/1": _discrepancy,
+        "coast/1": _coast,
+    }
     if beside:
         headings([result, *beside])
     if not isinstance(schema, str) or schema not in pages:
@@ -118,6 +122,25 @@ def _discrepancy(result: Result) -> str:
                 paragraph(LEGEND), tables.coefficients(result["model"])),
         section("How it was made", _made(result)),
     )  # fmt: skip
+
+
+def _coast(result: Result) -> str:
+    from gcs.analysis.coast import coast_text
+    from gcs.report import coast
+    from gcs.report.svg import element
+
+    head, *lines = coast_text({**result, "warnings": []}).splitlines()
+    facts = {"Vehicle": result["vehicle"], "Model": result["model"], "Flight": result["flight"]}
+    bad = "" if result["inside"] else " bad"
+    return document(
+        f"Without GPS: {result['flight']}",
+        _definitions(facts),
+        f'<p class="verdict{bad}">{text(head)}</p>',
+        listing([text(line.strip()) for line in lines]),
+        _warnings(result),
+        *(element(one) for one in coast.every(result)),
+        section("How it was made", _made(result)),
+    )
 
 
 def _quality(result: Result) -> str:

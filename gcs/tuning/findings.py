@@ -31,6 +31,9 @@ SAMPLES = 200
 _MOST_DRAWN = 0.95
 # Thrust that no sensor measured, as the vehicle file has it, is known to this share.
 _THRUST_STD = 0.05
+# An offset of the attitude, of a whole flight, is known no better than this, rad: the campaign's smallest that were
+# missed by their own bars.
+_LEVEL_STD = 1e-3
 # Times the weight, of a thrust that holds any level flight.
 _ENOUGH = 100.0
 _SURFACES = {"de": "elevator", "da": "aileron", "dr": "rudder"}
@@ -143,12 +146,12 @@ def _sensors(
     errors = result.get("sensor_errors") or {}
     random = np.random.default_rng(2)
 
-    def draws(name: str) -> tuple[float, Array] | None:
+    def draws(name: str, least: float = 0.0) -> tuple[float, Array] | None:
         entry = errors.get(name) or {}
         value, std = entry.get("value"), entry.get("std")
         if value is None or std is None:
             return None
-        return float(value), float(value) + float(std) * random.standard_normal(SAMPLES)
+        return float(value), float(value) + math.hypot(float(std), least) * random.standard_normal(SAMPLES)
 
     scale, bias = draws("airspeed_scale"), draws("airspeed_bias") or (0.0, np.zeros(SAMPLES))
     if not from_autopilot:
@@ -159,7 +162,7 @@ def _sensors(
         reads = 1.0 + scale[0] + bias[0] / speed
         every["airspeed_reading"] = Quantity(reads, 1.0 + scale[1] + bias[1] / speed, "1")
     for axis, name in (("roll", "phi_bias"), ("pitch", "theta_bias")):
-        found = draws(name)
+        found = draws(name, _LEVEL_STD)
         if found is None:
             refused[f"{axis}_reading"] = f"the flight does not show what {axis} is wrong by"
         else:

@@ -72,7 +72,22 @@ def known_propulsion(record: Record, model: Fixed, speed: Array) -> tuple[Array,
 
 
 def along_path(record: Record, path: Array, model: Fixed) -> Array:
-    """Coefficients and accelerations (N, 12) of a model along states (N, 9), as `evaluate_path` gives them."""
+    """Coefficients and accelerations of a model along a motion, as `evaluate_path` gives them.
+
+    Parameters
+    ----------
+    record : Record
+        Stretch of a flight with N output samples: what drives the model.
+    path : Array, shape (N, 9)
+        STATES, m/s, rad/s and rad.
+    model : Fixed
+        Model with nothing left free.
+
+    Returns
+    -------
+    Array, shape (N, 12)
+        Six coefficients, dimensionless; ax, ay, az, m/s^2, and p', q', r', rad/s^2, at the centre of gravity.
+    """
     predicted = np.empty((record.length, 12))
     flat = model.flat
     thrust = record.thrust
