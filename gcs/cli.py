@@ -43,6 +43,7 @@ GROUPS = {
         "discrepancy",
         "performance",
         "tune",
+        "margins",
         "coast",
         "batch",
         "export-model",

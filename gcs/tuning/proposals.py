@@ -130,7 +130,7 @@ def _ardupilot(parameters: _Parameters, vehicle: Vehicle, stall: Quantity | str)
         ("RLL_RATE_FF", "roll_deflection", "aileron"),
         ("PTCH_RATE_FF", "pitch_deflection", "elevator"),
     ):
-        full = _full_travel(vehicle, control, lambda servo: _by_mixing(now, servo))
+        full = full_travel(vehicle, control, "ardupilot", now)
         gain = _NOTIONAL_DEG / math.degrees(full) / speed if full else math.nan
         _feedforward(parameters, name, of, control, gain, f"SCALING_SPEED {speed:g} m/s")
     level = f"level flight at the {found.airspeed:.1f} m/s flown"
@@ -156,7 +156,7 @@ def _px4(parameters: _Parameters, vehicle: Vehicle, stall: Quantity | str) -> No
         ("FW_RR_FF", "roll_deflection", "aileron"),
         ("FW_PR_FF", "pitch_deflection", "elevator"),
     ):
-        full = _full_travel(vehicle, control, lambda servo: 1.0)
+        full = full_travel(vehicle, control, "px4", now)
         at = f"FW_AIRSPD_TRIM {now.get('FW_AIRSPD_TRIM', _SCALING_SPEED):g} m/s"
         _feedforward(parameters, name, of, control, 1.0 / (full * speed) if full else math.nan, at)
     level = f"level flight at the {found.airspeed:.1f} m/s flown"
@@ -214,18 +214,18 @@ def _px4_centre(servo: int) -> str:
     return f"PWM_{PORTS[port]}_CENT{place + 1}"
 
 
-def _by_mixing(now: Mapping[str, float], servo: int) -> float:
-    """Share of a full demand that moves a servo of ArduPilot's."""
-    return now.get("MIXING_GAIN", _MIXING_GAIN) if int(now.get(f"SERVO{servo}_FUNCTION", 0)) in _MIXED else 1.0
-
-
-def _full_travel(vehicle: Vehicle, name: str, share: Callable[[int], float]) -> float:
-    """Deflection at a full demand, rad: half of the travel; 0 where no servo is known. share: of a servo's travel that
-    a full demand moves it by.
+def full_travel(vehicle: Vehicle, name: str, autopilot: str, now: Mapping[str, float]) -> float:
+    """Deflection at a full demand, rad: half of the travel, of which ArduPilot gives a servo of two surfaces a share; 0
+    where no servo is known. now: the autopilot's parameters.
     """
     control: Control | None = vehicle.controls.get(name)
     if control is None or not control.servos:
         return 0.0
+
+    def share(servo: int) -> float:
+        mixed = autopilot == "ardupilot" and int(now.get(f"SERVO{servo}_FUNCTION", 0)) in _MIXED
+        return now.get("MIXING_GAIN", _MIXING_GAIN) if mixed else 1.0
+
     rows = zip(control.servos, control.mix, control.deflection, strict=True)
     return sum(abs(weight * (ys[-1] - ys[0])) / 2.0 * share(servo) for servo, weight, ys in rows)
 

@@ -69,8 +69,8 @@ class StateSpace:
     trim: Mapping[str, float]
     inputs: tuple[str, ...] = INPUTS
 
-    def response(self, source: str, output: str, frequencies_hz: Array) -> Complex:
-        """(F,) transfer function from an input to an output at frequencies in Hz."""
+    def response(self, source: str, output: str, frequencies_hz: Array | Complex) -> Complex:
+        """(F,) transfer function from an input to an output at frequencies in Hz; complex ones are s over 2 pi i."""
         j, i = self.inputs.index(source), OUTPUTS.index(output)
         eye = np.eye(len(STATES))
         s = 2j * math.pi * np.asarray(frequencies_hz)
