@@ -19,6 +19,8 @@ from sysid.signals.flight import FlightSignals
 from sysid.tables.columns import Wanted, match_columns
 from sysid.tables.files import ENDINGS, read_table
 from sysid.tables.flight_table import flight_from_table, with_airspeed_of
+from sysid.tables.pose import signals_of_pose
+from sysid.tables.quaternions import with_angles
 from sysid.tables.sidpac import fdata_columns
 
 Array = NDArray[np.float64]
@@ -79,9 +81,64 @@ class Flight:
         ("alpha: column 'alpha (deg)', deg",)
         """
         table, left_out = _columns_of(frame)
-        matched = match_columns(list(table), columns, units)
-        flight = flight_from_table(name, table, matched)
+        every, angles = with_angles(table)
+        matched = match_columns(list(every), {**angles, **(columns or {})}, units)
+        flight = flight_from_table(name, every, matched)
         return cls(flight, tuple(use.sentence for use in matched.uses), (*matched.unused, *left_out))
+
+    @classmethod
+    def from_pose(
+        cls,
+        time_s: ArrayLike,
+        position: ArrayLike,
+        quaternion: ArrayLike,
+        *,
+        inputs: Mapping[str, ArrayLike],
+        frame: str = "ned",
+        wind: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        name: str = "flight",
+    ) -> Flight:
+        """A flight that was seen from outside: motion capture, visual odometry.
+
+        Parameters
+        ----------
+        time_s : ArrayLike, shape (N,)
+            When, s.
+        position : ArrayLike, shape (N, 3)
+            North, east, down, m, or what `frame` says; NaN where it was not seen.
+        quaternion : ArrayLike, shape (N, 4)
+            Scalar, x, y, z, from body axes to those of the position.
+        inputs : Mapping[str, ArrayLike]
+            Signals that were recorded beside it on the same time, (N,) each, SI units and rad: `de`, `da`, `dr`,
+            `throttle`, `thrust`, `rpm`, `air_density`.
+        frame : str
+            "ned" (body axes forward, right, down), or "enu" (forward, left, up), as ROS has them.
+        wind : tuple[float, float, float]
+            Velocity of the air, north, east, down, m/s: still, as it is in a hall.
+        name : str
+            What the flight is called in results.
+
+        Returns
+        -------
+        Flight
+            Rates, attitude, specific force, airspeed, flow angles and velocity, smoothed, at even steps.
+
+        Raises
+        ------
+        sysid.errors.TableError
+            Where these do not go together, or the motion is none of an aircraft in these axes.
+        """
+        found = signals_of_pose(time_s, position, quaternion, frame, wind)
+        stamps = np.asarray(time_s, dtype=np.float64)
+        table = {key: values for key, values in found.items() if key != "time"}
+        for key, values in inputs.items():
+            given = np.asarray(values, dtype=np.float64)
+            if given.shape != stamps.shape:
+                raise FlightModelError(f"inputs: {key} has the shape {given.shape}, and the time {stamps.shape}")
+            # An input holds until the next one.
+            place = np.searchsorted(stamps, found["time"] + 1e-9, side="right") - 1
+            table[key] = given[place.clip(min=0)]
+        return cls.from_frame({"time": found["time"], **table}, units="SI", name=name)
 
     @classmethod
     def from_fdata(cls, fdata: ArrayLike, *, name: str = "fdata") -> Flight:

@@ -17,6 +17,7 @@ import numpy as np
 from sysid.arrays import Array
 from sysid.errors import TableError
 from sysid.tables.columns import Matched, Wanted, match_columns
+from sysid.tables.quaternions import with_angles
 from sysid.tables.sidpac import fdata_columns, looks_like_fdata
 from sysid.tables.units import is_unit
 
@@ -65,7 +66,8 @@ class ColumnTable:
                 raise TableError(f"{self.name}: is SIDPAC's array, whose columns and units are fixed; leave yours out")
             return fdata_columns(self.fdata, self.name)
         said = units if isinstance(units, str) else {**self.units, **(units or {})}
-        return self.columns, match_columns(list(self.columns), columns, said)
+        every, angles = with_angles(self.columns)
+        return every, match_columns(list(every), {**angles, **(columns or {})}, said)
 
 
 def read_table(path: Path, name: str = "") -> ColumnTable:
