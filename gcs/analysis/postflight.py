@@ -12,8 +12,9 @@ from gcs.analysis.incomplete import cut_off, naming_cuts, with_warnings
 from gcs.analysis.provenance import made
 from gcs.analysis.sameflight import repeated, same
 from gcs.errors import SignalMapError
-from gcs.flights.autopilot_settings import flown
-from gcs.flights.signals import extract
+from gcs.flights.autopilot_settings import flown, parameters_of
+from gcs.flights.forward_flight import forward
+from gcs.flights.signals import extract_from, streams_for
 from gcs.flights.streams import sender_of
 from gcs.recording.joined import by_recording
 from gcs.recording.reader import Recording
@@ -42,7 +43,9 @@ def read_flights(paths: Sequence[Path], vehicle: Vehicle, system: int | None = N
                 f"{recording.path.stem}: the log of a {sender.type_name} ({sender.autopilot_name}): there is nothing to"
                 " identify without a wing; give the log of a fixed-wing aircraft"
             )
-        flight = replace(extract(recording, vehicle, system), sender=sender.to_json())
+        streams = streams_for(recording, vehicle, system)
+        flight = forward(extract_from(recording, vehicle, streams), streams, parameters_of(recording, sender.system)[0])
+        flight = replace(flight, sender=sender.to_json())
         cut = cut_off(recording)
         flights.append(replace(flight, warnings=(cut, *flight.warnings)) if cut else flight)
     return flights

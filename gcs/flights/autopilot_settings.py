@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from gcs.errors import SignalMapError
+from gcs.flights.forward_flight import pushes
 from gcs.flights.streams import Array, ColumnSource, Stream, load_streams
 from sim_vehicle.vehicle.controls import (
     CONTROL_NAMES,
@@ -54,7 +55,7 @@ _PX4: Mapping[int, Mix] = {
     1: {"aileron": -1.0}, 2: {"aileron": 1.0}, 3: {"elevator": 1.0}, 4: {"rudder": 1.0},
     5: _LEFT_ELEVON, 6: _RIGHT_ELEVON, 7: _LEFT_TAIL, 8: _RIGHT_TAIL, 15: {"aileron": 1.0},
 }  # fmt: skip
-_PX4_MOTOR, _PX4_SURFACE = 101, 201
+_PX4_MOTOR, _PX4_MOTORS, _PX4_SURFACE = 101, 12, 201
 # What else ArduPilot moves that changes the forces on an aircraft.
 _NO_CONTROL = {
     **{2: "a flap", 3: "an automatic flap", 110: "an airbrake"},
@@ -303,7 +304,8 @@ def _by_px4(parameters: Mapping[str, float]) -> Iterator[tuple[int, Mix, tuple[f
             middle = parameters.get(f"PWM_{name}_CENT{output}", -1.0)
             middle = middle if low < middle < high else (low + high) / 2.0
             kind = int(parameters.get(f"CA_SV_CS{function - _PX4_SURFACE}_TYPE", 0.0))
-            mix = {"throttle": 1.0} if function == _PX4_MOTOR else _PX4.get(kind) if function >= _PX4_SURFACE else None
+            motor = 0 <= function - _PX4_MOTOR < _PX4_MOTORS and pushes(parameters, function - _PX4_MOTOR)
+            mix = {"throttle": 1.0} if motor else _PX4.get(kind) if function >= _PX4_SURFACE else None
             if mix is not None and 0.0 < low < high <= LARGEST_PWM_US:
                 is_turned = bool(turned >> (output - 1) & 1)
                 yield OUTPUTS * port + output, mix, _pulses(low, middle, high), is_turned

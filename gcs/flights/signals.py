@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.errors import SignalMapError
+from gcs.flights.forward_flight import MESSAGES as OF_HOVER
 from gcs.flights.signal_sources import (
     HIGHRES_BITS,
     SIGNALS,
@@ -68,7 +69,7 @@ def extract(recording: ColumnSource, vehicle: Vehicle, system: int | None = None
 def streams_for(recording: ColumnSource, vehicle: Vehicle, system: int | None = None) -> VehicleStreams:
     """The messages that `extract` goes by, on the flight's clock. Raises SignalMapError as `extract` does."""
     extra = [source.message for source in vehicle.signals.values()]
-    return load_streams(recording, [*MESSAGES, *extra, UTC_MESSAGE], system)
+    return load_streams(recording, [*MESSAGES, *extra, UTC_MESSAGE, *OF_HOVER], system)
 
 
 def extract_from(recording: ColumnSource, vehicle: Vehicle, streams: VehicleStreams) -> FlightSignals:

@@ -74,6 +74,7 @@ class _Mapping:
             self._rpm,
             self._servos,
             self._rc,
+            self._vtol,
         )
         for step in steps:
             series += step()
@@ -332,6 +333,20 @@ class _Mapping:
             changes = np.diff(states, prepend=-1) != 0
             return list(zip(topic.time_us[changes].tolist(), states[changes].tolist(), strict=True))
         return None
+
+    def _vtol(self) -> list[Series]:
+        """Whether it hovers, is in transition or flies on its wing: numbers are MAV_VTOL_STATE's."""
+        topic = self._topic("vtol_vehicle_status")
+        if topic is None:
+            return []
+        if "vehicle_vtol_state" in topic:
+            state = topic.values("vehicle_vtol_state")
+        elif "vtol_in_rw_mode" in topic and "vtol_in_trans_mode" in topic:
+            hovers, changes = topic.values("vtol_in_rw_mode") > 0.0, topic.values("vtol_in_trans_mode") > 0.0
+            state = np.where(changes, 1.0, np.where(hovers, 3.0, 4.0))
+        else:
+            return []
+        return [Series("EXTENDED_SYS_STATE", topic.time_us, {"vtol_state": whole(state, "uint8")})]
 
     def _heartbeats(self, series: list[Series], status: Topic | None) -> Series:
         times = np.concatenate([entry.time_us for entry in series])
