@@ -4,7 +4,9 @@ import argparse
 from pathlib import Path
 
 NAME = "import"
-HELP = "turn a log (.tlog, ArduPilot .bin, PX4 .ulg), a table (.csv .parquet .mat) or a ROS bag into a recording"
+HELP = (
+    "turn a log (.tlog, ArduPilot .bin or .log, PX4 .ulg), a table (.csv .parquet .mat) or a ROS bag into a recording"
+)
 _QUIET_S = 2.0
 
 

@@ -15,8 +15,9 @@ from gcs.version import VERSION
 
 # The vehicle file of all flights in its folder.
 OF_FOLDER = "vehicle.toml"
-# Tables are flights where a pattern names them: in a folder they are bench points, and what a batch has written.
-_TABLES = (".csv", ".tsv", ".txt", ".parquet", ".mat")
+# Tables and texts are flights where a pattern names them: in a folder they are bench points, what a batch has written,
+# and what programs have to say.
+_TABLES = (".csv", ".tsv", ".txt", ".log", ".parquet", ".mat")
 _FLIGHTS = (".mcap", *(one for one in LOG_ENDINGS if one not in _TABLES))
 
 

@@ -49,6 +49,17 @@ def _import_ulog(source: Path, target: Path, progress: Progress, dialect: str, n
     import_ulog(source, target, progress, name)
 
 
+def _import_text(source: Path, target: Path, progress: Progress, dialect: str, name: str) -> None:
+    """A table, or ArduPilot's log as text."""
+    import numpy as np
+
+    from gcs.importers.dataflash_text import is_text
+
+    with source.open("rb") as file:
+        head = np.frombuffer(file.read(4096), np.uint8)
+    (_import_dataflash if is_text(head) else _import_table)(source, target, progress, dialect, name)
+
+
 def _import_table(source: Path, target: Path, progress: Progress, dialect: str, name: str) -> None:
     from gcs.importers.table import import_table
 
@@ -107,19 +118,21 @@ IMPORTS: dict[str, Callable[[Path, Path, Progress, str, str], None]] = {
     ".ulg": _import_ulog,
     ".csv": _import_table,
     ".tsv": _import_table,
-    ".txt": _import_table,
+    ".txt": _import_text,
+    ".log": _import_dataflash,
     ".parquet": _import_table,
     ".mat": _import_table,
     ".db3": _import_ros,
     ".bag": _import_ros,
 }
 # What a file of columns says something of.
-_WITH_COLUMNS = (_import_table, _import_ros, _copy)
+_WITH_COLUMNS = (_import_table, _import_text, _import_ros, _copy)
 EXPORTS: dict[str, Callable[[Path, Path], None]] = {
     ".tlog": _export_tlog,
     ".csv": _export_csv,
     ".parquet": _export_parquet,
     ".bin": _export_attached,
+    ".log": _export_attached,
     ".ulg": _export_attached,
 }
 
@@ -161,7 +174,7 @@ def import_file(
     if columns is not None and IMPORTS[ending] not in _WITH_COLUMNS:
         raise ImportFileError(f"{name or source.name}: is no table; leave the file of columns out")
     try:
-        if columns is not None and IMPORTS[ending] is _import_table:
+        if columns is not None and IMPORTS[ending] in (_import_table, _import_text):
             from gcs.importers.table import import_table
 
             import_table(source, target, progress, name or source.name, columns)

@@ -10,7 +10,8 @@ from gcs.errors import RecordingError
 from gcs.recording.joined import all_parts
 from gcs.recording.reader import Recording
 
-_ENDINGS = {"dataflash": ".bin", "ulog": ".ulg"}
+# Endings of the log that each format of an import is exported as.
+_ENDINGS = {"dataflash": ".bin", "dataflash text": ".log", "ulog": ".ulg"}
 
 
 def export_original(recording: Path, target: Path) -> None:

@@ -27,7 +27,7 @@ from gcs.importers.synthesis import (
     write_recording,
 )
 
-FORMAT = "dataflash"
+FORMAT, TEXT = "dataflash", "dataflash text"
 AUTOPILOT = 3  # MAV_AUTOPILOT_ARDUPILOTMEGA
 REAL32 = 9  # MAV_PARAM_TYPE_REAL32; ArduPilot sends every parameter as a float
 FIX_3D = 3
@@ -103,7 +103,7 @@ class _Mapping:
             **({"unreadable": " ".join(self._file.unreadable)} if self._file.unreadable else {}),
             **({} if self._armed() is not None else {"armed": "not in the log; HEARTBEAT says disarmed"}),
         }
-        return ImportedLog(FORMAT, self._system(), series, self._utc_offset(), notes)
+        return ImportedLog(TEXT if self._file.is_text else FORMAT, self._system(), series, self._utc_offset(), notes)
 
     def _table(self, name: str, *fields: str) -> Table | None:
         """The messages of that name, if the log has them with these fields."""

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from pymavlink.DFReader import FORMAT_TO_STRUCT
 
 from gcs.errors import ImportFileError
+from gcs.importers.dataflash_text import is_text, read_lines
 from gcs.mavlink.crc import Int
 from sim_vehicle.jit import jit
 
@@ -136,13 +137,14 @@ class DataflashLog:
     """A log's messages by name, and what of its bytes is no message.
 
     skipped: bytes that belong to no message. unfinished: bytes of a message cut off at the end. unreadable: types
-    whose FMT does not fit their messages.
+    whose FMT does not fit their messages. is_text: whether it was one of lines.
     """
 
     tables: Mapping[str, Table]
     skipped: int
     unfinished: int
     unreadable: tuple[str, ...]
+    is_text: bool = False
 
 
 def boots(log: DataflashLog) -> list[DataflashLog]:
@@ -170,11 +172,13 @@ def boots(log: DataflashLog) -> list[DataflashLog]:
 
 
 def read_dataflash(path: Path) -> DataflashLog:
-    """Read a log whole; ImportFileError if the file cannot be read or holds no FMT message."""
+    """Read a log whole, as bytes or as text; ImportFileError if the file cannot be read or holds no FMT message."""
     try:
         data = np.fromfile(path, np.uint8)
     except OSError as error:
         raise ImportFileError(f"{path} cannot be read: {error.strerror}") from None
+    if is_text(data):
+        return _of_text(data, path)
     lengths = np.zeros(256, np.int64)
     lengths[FMT_TYPE] = FMT_LENGTH
     offset = np.empty(data.size // _HEAD + 1, np.int64)
@@ -196,6 +200,18 @@ def read_dataflash(path: Path) -> DataflashLog:
         else:
             tables[name] = table
     return DataflashLog(_timed(tables), int(skipped), int(unfinished), tuple(sorted(unreadable)))
+
+
+def _of_text(data: Bytes, path: Path) -> DataflashLog:
+    """A log as text: fields stand there in their units."""
+    found, skipped = read_lines(data)
+    if not found:
+        raise ImportFileError(f"{path} holds no message of a dataflash log but its formats; give the whole log")
+    tables = {
+        name: Table(name, rows, dict.fromkeys(rows.dtype.names or (), 1.0), places)
+        for name, (rows, places) in found.items()
+    }
+    return DataflashLog(_timed(tables), skipped, 0, (), is_text=True)
 
 
 def _timed(tables: dict[str, Table]) -> dict[str, Table]:

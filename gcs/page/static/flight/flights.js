@@ -180,7 +180,7 @@ const MAPPING = '[columns]\nalpha = "AoA probe"\naz = { "Nz" = -1.0 }\n\n[units]
 /** @param {() => Promise<FlightPage>} done @param {AbortSignal} signal */
 function uploadForm(done, signal) {
   const input = h('input',
-    { type: 'file', accept: '.mcap,.tlog,.bin,.ulg,.csv,.tsv,.txt,.parquet,.mat,.db3,.bag', required: true })
+    { type: 'file', accept: '.mcap,.tlog,.bin,.log,.ulg,.csv,.tsv,.txt,.parquet,.mat,.db3,.bag', required: true })
   const bar = h('progress', { max: 1, value: 0, 'aria-label': 'Upload' })
   const words = h('p', { role: 'status' })
   const button = h('button', { class: 'main' }, 'Upload')
