@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +41,22 @@ def aircraft_json(
         "parameters": parameters,
         "airspeed": airspeed.pop() if len(airspeed) == 1 else "",
     }
+
+
+@contextmanager
+def well_formed(result: Any) -> Iterator[None]:
+    """Raise SettingsError in one line for what is no result of an identification, and for one that does not hold what
+    its schema says, wherever the block meets that.
+    """
+    if not isinstance(result, dict) or result.get("schema") != "identification/1":
+        raise SettingsError("this is no result of gcs identify: give the file that gcs identify -o wrote")
+    try:
+        yield
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError, ArithmeticError) as error:
+        said = " ".join(f"{type(error).__name__}: {error}".split())
+        raise SettingsError(
+            f"the result does not hold what schema identification/1 says ({said}): make it again with gcs identify"
+        ) from error
 
 
 def aircraft_of(result: Mapping[str, Any]) -> tuple[Vehicle, dict[str, float], str]:

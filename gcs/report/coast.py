@@ -15,7 +15,6 @@ Result = Mapping[str, Any]
 _INERTIAL = "#e0a030"
 # Ellipses are drawn so often, s.
 _EVERY_S = 10.0
-_CHI2_95 = 5.991
 # Inertia alone is followed beyond the others by this share of their extent.
 _BEYOND = 0.6
 
@@ -41,13 +40,15 @@ def _track(result: Result, made: Figure) -> None:
     plot.plot(columns["aircraft"][:, 1], columns["aircraft"][:, 0], color=MEASURED, label="GPS")
     plot.plot(columns["model"][:, 1], columns["model"][:, 0], color=PREDICTED, label="model")
     time_s = columns["time_s"] - columns["time_s"][0]
+    from sysid.validation.coasting import CHI2_95
+
     shown = {*np.searchsorted(time_s, np.arange(_EVERY_S, time_s[-1], _EVERY_S)).tolist(), time_s.size - 1}
     round_ = np.linspace(0.0, 2.0 * np.pi, 73)
     circle = np.array([np.cos(round_), np.sin(round_)])
     ellipses = []
     for k in sorted(shown):
         root = np.linalg.cholesky(columns["covariance"][k] + 1e-9 * np.eye(2))
-        ellipses.append(columns["model"][k][:, None] + np.sqrt(_CHI2_95) * root @ circle)
+        ellipses.append(columns["model"][k][:, None] + np.sqrt(CHI2_95) * root @ circle)
         plot.plot(ellipses[-1][1], ellipses[-1][0], color=PREDICTED, linewidth=0.7, alpha=0.6)
     near = np.vstack([columns["aircraft"], columns["model"], *(one.T for one in ellipses)])
     low, high = near.min(axis=0), near.max(axis=0)
@@ -68,7 +69,9 @@ def _drift(result: Result, made: Figure) -> None:
     columns = _columns(result)
     plot = made.subplots()
     time_s = columns["time_s"] - columns["time_s"][0]
-    longest = np.sqrt(_CHI2_95 * np.linalg.eigvalsh(columns["covariance"])[:, 1].clip(min=0.0))
+    from sysid.validation.coasting import CHI2_95
+
+    longest = np.sqrt(CHI2_95 * np.linalg.eigvalsh(columns["covariance"])[:, 1].clip(min=0.0))
     plot.fill_between(time_s, 0.0, longest, color=PREDICTED, alpha=0.2, linewidth=0.0, label="95 % of the model's")
     for name, colour, label in (("model", PREDICTED, "model"), ("inertial", _INERTIAL, "inertia alone")):
         plot.plot(time_s, np.hypot(*(columns[name] - columns["aircraft"]).T), color=colour, label=label)

@@ -31,9 +31,8 @@ SAMPLES = 200
 _MOST_DRAWN = 0.95
 # Thrust that no sensor measured, as the vehicle file has it, is known to this share.
 _THRUST_STD = 0.05
-# An offset of the attitude, of a whole flight, is known no better than this, rad: the campaign's smallest that were
-# missed by their own bars.
-_LEVEL_STD = 1e-3
+# Drag over lift where the flight does not show drag: of usual small aircraft.
+_USUAL_DRAG = 0.1
 # Times the weight, of a thrust that holds any level flight.
 _ENOUGH = 100.0
 _SURFACES = {"de": "elevator", "da": "aileron", "dr": "rudder"}
@@ -67,13 +66,14 @@ class Quantity:
 @dataclass(frozen=True)
 class Findings:
     """What a flight says. quantities: by name. refused: name -> why there is none. airspeed: m/s, the mean one flown,
-    true; density: of its air, kg/m^3.
+    true; density: of its air, kg/m^3. most: the largest throttle that the autopilot gives, 0 to 1.
     """
 
     quantities: Mapping[str, Quantity]
     refused: Mapping[str, str]
     airspeed: float
     density: float
+    most: float
 
     @property
     def equivalent_airspeed(self) -> float:
@@ -86,16 +86,16 @@ class Findings:
         return math.sqrt(SEA_LEVEL_DENSITY / self.density)
 
 
-def findings(result: Mapping[str, Any], model: Exported, from_autopilot: bool) -> Findings:
-    """What the result of an identification says. model: its model. from_autopilot: whether its airspeed is the
-    autopilot's own reading.
+def findings(result: Mapping[str, Any], model: Exported, no_pitot: str, most: float = 1.0) -> Findings:
+    """What the result of an identification says. model: its model. no_pitot: why its airspeed is no reading of the
+    autopilot's own sensor, "" where it is. most: the largest throttle that it gives, 0 to 1.
     """
     space = result.get("state_space") or {}
     speed = float(space.get("airspeed") or model.vehicle.flight.airspeed)
     rho = float(space.get("air_density") or SEA_LEVEL_DENSITY)
     every: dict[str, Quantity] = {}
     refused: dict[str, str] = {}
-    _sensors(result, speed, from_autopilot, every, refused)
+    _sensors(result, speed, no_pitot, every, refused)
     air = replace(model.vehicle.environment, air_density=rho)
     model = replace(model, vehicle=replace(model.vehicle, environment=air))
     try:
@@ -103,8 +103,8 @@ def findings(result: Mapping[str, Any], model: Exported, from_autopilot: bool) -
     except ExportError as error:
         others, refused["intervals"] = [], str(error)
     stronger = 1.0 + _THRUST_STD * np.random.default_rng(1).standard_normal(SAMPLES)
-    best = _of_flight(model, speed, rho, 1.0)
-    spread = [_of_flight(one, speed, rho, float(k)) for one, k in zip(others, stronger, strict=False)]
+    best = _of_flight(model, speed, rho, 1.0, most)
+    spread = [_of_flight(one, speed, rho, float(k), most) for one, k in zip(others, stronger, strict=False)]
     for name, (value, unit) in best.items():
         if isinstance(value, str):
             refused[name] = value
@@ -115,16 +115,21 @@ def findings(result: Mapping[str, Any], model: Exported, from_autopilot: bool) -
         else:
             every[name] = Quantity(value, values, unit)
     there = model.model.values()
-    for name in every.keys() & _RESTS_ON.keys():
+    for name in best.keys() & _RESTS_ON.keys():
         if missing := [one for one in _RESTS_ON[name] if one not in there]:
             refused[name] = f"nothing is known of {', '.join(missing)}"
-    return Findings({n: one for n, one in every.items() if n not in refused}, refused, speed, rho)
+    for name in ("roll_deflection", "pitch_deflection"):
+        if name in every and name not in refused and not every[name].value > 0.0:
+            refused[name] = (
+                "a steady rate needs no deflection its own way: beyond the manoeuvre point, or without damping"
+            )
+    return Findings({n: one for n, one in every.items() if n not in refused}, refused, speed, rho, most)
 
 
 # What each quantity of the model rests on.
 _RESTS_ON = {
     "roll_deflection": ("Cl_p", "Cl_da"),
-    "pitch_deflection": ("Cm_q", "Cm_de"),
+    "pitch_deflection": ("Cm_q", "Cm_de", "Cm_alpha", "CL_alpha"),
     "de": ("Cm_0", "Cm_de"),
     "da": ("Cl_0", "Cl_da"),
     "dr": ("Cn_0", "Cn_dr"),
@@ -138,7 +143,7 @@ _RESTS_ON = {
 def _sensors(
     result: Mapping[str, Any],
     speed: float,
-    from_autopilot: bool,
+    no_pitot: str,
     every: dict[str, Quantity],
     refused: dict[str, str],
 ) -> None:
@@ -146,23 +151,23 @@ def _sensors(
     errors = result.get("sensor_errors") or {}
     random = np.random.default_rng(2)
 
-    def draws(name: str, least: float = 0.0) -> tuple[float, Array] | None:
+    def draws(name: str) -> tuple[float, Array] | None:
         entry = errors.get(name) or {}
         value, std = entry.get("value"), entry.get("std")
         if value is None or std is None:
             return None
-        return float(value), float(value) + math.hypot(float(std), least) * random.standard_normal(SAMPLES)
+        return float(value), float(value) + float(std) * random.standard_normal(SAMPLES)
 
     scale, bias = draws("airspeed_scale"), draws("airspeed_bias") or (0.0, np.zeros(SAMPLES))
-    if not from_autopilot:
-        refused["airspeed_reading"] = "the airspeed of these recordings is not the autopilot's own reading"
+    if no_pitot:
+        refused["airspeed_reading"] = no_pitot
     elif scale is None:
         refused["airspeed_reading"] = "the flight does not show what the airspeed is wrong by: fly a wind square"
     else:
         reads = 1.0 + scale[0] + bias[0] / speed
         every["airspeed_reading"] = Quantity(reads, 1.0 + scale[1] + bias[1] / speed, "1")
     for axis, name in (("roll", "phi_bias"), ("pitch", "theta_bias")):
-        found = draws(name, _LEVEL_STD)
+        found = draws(name)
         if found is None:
             refused[f"{axis}_reading"] = f"the flight does not show what {axis} is wrong by"
         else:
@@ -172,7 +177,7 @@ def _sensors(
 _Found = dict[str, tuple[float | str, str]]
 
 
-def _of_flight(model: Exported, speed: float, rho: float, stronger: float) -> _Found:
+def _of_flight(model: Exported, speed: float, rho: float, stronger: float, most: float) -> _Found:
     """What one model says of flight at a speed: name -> value, or why there is none, and unit."""
     found: _Found = {}
     values = model.model.values()
@@ -183,24 +188,22 @@ def _of_flight(model: Exported, speed: float, rho: float, stronger: float) -> _F
         return [values.get(name, 0.0) for name in names]
 
     roll, aileron = of("Cl_p", "Cl_da")
-    found["roll_deflection"] = (
-        abs(roll / aileron) * shape.b / 2.0 if roll and aileron else "Cl_p and Cl_da are not both identified",
-        "m",
-    )
+    found["roll_deflection"] = (-roll / abs(aileron) * shape.b / 2.0 if aileron else math.nan, "m")
     # A pull-up at constant speed: lift, and thrust as large as the drag, turn the path, and moments are in balance.
     lift, lift_q, lift_de = of("CL_alpha", "CL_q", "CL_de")
     weight = vehicle.mass.mass * STANDARD_GRAVITY
+    level = weight / pressure
     drag_0, induced = of("CD_0", "CD_k")
-    turning = lift + drag_0 + induced * (weight / pressure) ** 2
+    turning = lift + (drag_0 + induced * level**2 if drag_0 else _USUAL_DRAG * level)
     still, damping, elevator = of("Cm_alpha", "Cm_q", "Cm_de")
     rate = shape.c / (2.0 * speed)
     if lift and elevator:
         turned = vehicle.mass.mass * speed / pressure - lift_q * rate
         # alpha = (turned q - lift_de de) / turning, and Cm_alpha alpha + Cm_q rate q + Cm_de de = 0.
         per_rate = -(still * turned / turning + damping * rate) / (elevator - still * lift_de / turning)
-        found["pitch_deflection"] = (abs(per_rate) * speed, "m")
+        found["pitch_deflection"] = (math.copysign(per_rate, per_rate * elevator) * speed, "m")
     else:
-        found["pitch_deflection"] = ("CL_alpha and Cm_de are not both identified", "m")
+        found["pitch_deflection"] = (math.nan, "m")
     names = {"de": "rad", "da": "rad", "dr": "rad", "throttle": "1", "alpha": "rad", "sink": "m/s", "climb": "m/s"}
     motor = vehicle.propulsion
     enough = Propulsion(max_thrust=_ENOUGH * weight)
@@ -224,7 +227,7 @@ def _of_flight(model: Exported, speed: float, rho: float, stronger: float) -> _F
     constants = flatten_vehicle(vehicle)
     throttles = np.linspace(0.0, 1.0, 201)
     thrust = stronger * np.array([throttle_thrust(float(one), speed, rho, constants) for one in throttles])
-    found["climb"] = (speed * float(thrust[-1] - drag) / weight, "m/s")
+    found["climb"] = (speed * float(np.interp(most, throttles, thrust) - drag) / weight, "m/s")
     found["throttle"] = (
         float(np.interp(needed, thrust, throttles))
         if thrust[-1] > needed

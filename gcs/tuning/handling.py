@@ -17,7 +17,7 @@ _SPAN = 10.0
 # Of each mode its quantities: least (or, True, largest) value of levels 1, 2 and 3.
 _LEVELS: dict[str, dict[str, tuple[tuple[float, float, float], bool]]] = {
     "short period": {"damping_ratio": ((0.30, 0.20, 0.15), False)},
-    "phugoid": {"damping_ratio": ((0.04, 0.0, -math.inf), False)},
+    "phugoid": {"damping_ratio": ((0.04, 0.0, 0.0), False), "time_to_double": ((55.0, 55.0, 55.0), False)},
     "Dutch roll": {"damping_ratio": ((0.08, 0.02, 0.0), False), "frequency": ((0.4, 0.4, 0.4), False)},
     "roll": {"time_constant": ((1.4, 3.0, 10.0), True)},
     "spiral": {"time_to_double": ((20.0, 8.0, 4.0), False)},
@@ -46,8 +46,11 @@ def handling(modes: Sequence[Mapping[str, Any]], span: float) -> list[dict[str, 
             value, unit = values[quantity]
             if value is None or not math.isfinite(value):
                 continue  # a spiral that ends by itself is of level 1
+            if name == "phugoid" and (real > 0.0) is (quantity == "damping_ratio"):
+                continue  # one that grows is judged by how fast it does: level 3 at best
             good = [value <= one if largest else value >= one for one in limits]
             level = good.index(True) + 1 if True in good else 4
+            level = max(level, 3) if name == "phugoid" and real > 0.0 else level
             found.append({"mode": name, "quantity": quantity, "value": value, "unit": unit, "level": level})
     return found
 

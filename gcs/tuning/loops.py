@@ -16,16 +16,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from gcs.errors import SettingsError
+from gcs.tuning.proposals import SCALING_SPEED, positive
 from sysid.arrays import Array
 from sysid.identification.linear_model import Complex, StateSpace
 
 # Demand, as a share of the travel, of an output in rad of ArduPilot's PID.
 _NOTIONAL = math.degrees(1.0) / 45.0
-# Where the log does not say: ArduPilot's own defaults, and PX4's.
+# Where the log does not say: ArduPilot's own defaults, and PX4's. Gains must be there; PX4 before 1.13 has no D.
 _DEFAULTS = {
-    "ardupilot": {"TCONST": 0.5, "I": 0.0, "D": 0.0, "FF": 0.0, "FLTT": 3.0, "FLTE": 0.0, "FLTD": 12.0},
-    "px4": {"TCONST": 0.4, "I": 0.0, "D": 0.0, "FF": 0.0, "FLTT": 0.0, "FLTE": 0.0, "FLTD": 30.0},
+    "ardupilot": {"TCONST": 0.5, "FLTT": 3.0, "FLTE": 0.0, "FLTD": 12.0},
+    "px4": {"TCONST": 0.4, "FLTT": 0.0, "FLTE": 0.0, "FLTD": 30.0},
 }
+_NEEDED = {"ardupilot": ("P", "I", "D", "FF"), "px4": ("P", "I", "FF")}
 _OF_RATE = ("P", "I", "D", "FF")
 _FILTERS = ("FLTT", "FLTE", "FLTD")
 
@@ -46,7 +48,7 @@ _NAMES = {
 }
 # Parameters of the speed that gains are scaled to, of the gyros' low pass, Hz, and of the loop's rate, Hz; and what
 # those are where the log does not say.
-_SPEED = {"ardupilot": ("SCALING_SPEED", 15.0), "px4": ("FW_AIRSPD_TRIM", 15.0)}
+_SPEED = {"ardupilot": ("SCALING_SPEED", SCALING_SPEED), "px4": ("FW_AIRSPD_TRIM", SCALING_SPEED)}
 _GYRO = {"ardupilot": ("INS_GYRO_FILTER", 20.0), "px4": ("IMU_GYRO_CUTOFF", 40.0)}
 _RATE = {"ardupilot": ("SCHED_LOOP_RATE", 50.0), "px4": ("IMU_GYRO_RATEMAX", 400.0)}
 AXES = {"roll": ("da", "p", "phi"), "pitch": ("de", "q", "theta")}
@@ -83,17 +85,18 @@ def autopilot_of(now: Mapping[str, float]) -> str:
     )
 
 
-def controller(axis: str, now: Mapping[str, float], airspeed: float, eas2tas: float) -> Controller | None:
-    """That of roll or pitch, None where its proportional gain is not known. airspeed: equivalent, m/s."""
+def controller(axis: str, now: Mapping[str, float], airspeed: float, eas2tas: float) -> Controller | str:
+    """That of roll or pitch, or why it is not known. airspeed: equivalent, m/s."""
     autopilot = autopilot_of(now)
     names, usual = _NAMES[autopilot][axis], _DEFAULTS[autopilot]
-    if names["P"] not in now:
-        return None
-    value = {key: now.get(names.get(key, ""), one) for key, one in usual.items()} | {"P": now[names["P"]]}
-    speed, gyro, rate = (now.get(*one[autopilot]) for one in (_SPEED, _GYRO, _RATE))
+    if missing := [names[key] for key in _NEEDED[autopilot] if names[key] not in now]:
+        return f"the recording does not hold {', '.join(missing)}"
+    value = {key: now.get(names.get(key, ""), one) for key, one in usual.items()}
+    speed, gyro, rate = (positive(now, *one[autopilot]) for one in (_SPEED, _GYRO, _RATE))
+    scaled = autopilot == "ardupilot" or now.get("FW_ARSP_SCALE_EN", 1.0) != 0.0
     return Controller(
-        autopilot, names, {key: value[key] for key in GAINS}, max(value["TCONST"], 0.05), value["FLTT"], value["FLTE"],
-        value["FLTD"], gyro, 1.0 / max(rate, 1.0), speed / airspeed, eas2tas,
+        autopilot, names, {key: now.get(names[key], 0.0) for key in GAINS}, max(value["TCONST"], 0.05), value["FLTT"],
+        value["FLTE"], value["FLTD"], gyro, 1.0 / rate, speed / airspeed if scaled else 1.0, eas2tas,
     )  # fmt: skip
 
 

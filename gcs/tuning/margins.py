@@ -16,13 +16,16 @@ from typing import Any
 
 import numpy as np
 
-from gcs.analysis.aircraft import aircraft_of
-from gcs.errors import ExportError, SettingsError
+from gcs.analysis.aircraft import aircraft_of, well_formed
+from gcs.errors import ExportError
 from gcs.exports.exported import Exported
 from gcs.exports.samples import drawn
+from gcs.flights.autopilot_settings import filled, parameters_of
+from gcs.flights.streams import sender_of
+from gcs.recording.reader import Recording
 from gcs.tuning.handling import handling
 from gcs.tuning.loops import AXES, GAINS, Controller, OpenLoop, along, autopilot_of, controller, open_loop
-from gcs.tuning.proposals import full_travel
+from gcs.tuning.travel import full_travel, range_warnings
 from sim_vehicle.constants import SEA_LEVEL_DENSITY
 from sim_vehicle.errors import SimVehicleError
 from sim_vehicle.model.model_file import Model, model_from_json
@@ -42,6 +45,10 @@ _BESIDE: Complex = np.asarray(_GROWS + 1j * np.concatenate([[0.0], np.geomspace(
 _SHOWN = 12
 _GROUP = {"roll": "lateral", "pitch": "longitudinal"}
 _CONTROL = {"roll": "aileron", "pitch": "elevator"}
+# Of the states, those of each axis.
+_BLOCK = {"roll": slice(4, 8), "pitch": slice(0, 4)}
+# Share of the models drawn that must fly, else a warning says how many do not.
+_MOST_DRAWN = 0.95
 # A limit beyond so many times a gain is none.
 _MOST = 100.0
 _UNITS = {
@@ -69,17 +76,25 @@ def margins(
     vehicle: a vehicle file in place of the one that the result holds. parameters: those of another log. Raises
     SettingsError, ExportError or SimVehicleError in one line.
     """
-    if not isinstance(result, dict) or result.get("schema") != "identification/1":
-        raise SettingsError("this is no result of gcs identify: give the file that gcs identify -o wrote")
+    with well_formed(result):
+        return _margins(result, vehicle, parameters, progress)
+
+
+def _margins(
+    result: Any,
+    vehicle: str | None,
+    parameters: Mapping[str, float] | None,
+    progress: Callable[[float, str], None],
+) -> dict[str, Any]:
     craft, kept, _ = aircraft_of(result)
-    craft = craft if vehicle is None else load_vehicle(vehicle)
     now = kept if parameters is None else parameters
+    craft = craft if vehicle is None else filled(load_vehicle(vehicle), now)
     model = Exported(model_from_json(result["model"], "the result's model"), craft)
     space = result.get("state_space") or {}
     speed = float(space.get("airspeed") or craft.flight.airspeed)
     rho = float(space.get("air_density") or SEA_LEVEL_DENSITY)
     autopilot = autopilot_of(now)
-    warnings: list[str] = []
+    warnings = [*craft.warnings, *range_warnings(craft, autopilot, now)]
     try:
         others = drawn(model, SAMPLES, without=is_of_travel)
     except ExportError as error:
@@ -90,20 +105,31 @@ def margins(
     refused: list[dict[str, str]] = []
     for number, axis in enumerate(AXES):
         made = controller(axis, now, speed * math.sqrt(rho / SEA_LEVEL_DENSITY), math.sqrt(SEA_LEVEL_DENSITY / rho))
-        why = _refusal(axis, model.model, craft, made)
-        if why or made is None:
+        full = full_travel(craft, _CONTROL[axis], autopilot, now)
+        why = _refusal(axis, model.model, full, made)
+        if why or isinstance(made, str) or isinstance(full, str):
             refused.append({"name": axis, "refused": why})
             continue
+        block = _BLOCK[axis]
         servo = _servo(result, craft, axis)
 
-        def loop(one: Exported, delay: float, lag: float, axis: str = axis, made: Controller = made) -> _Loop:
+        def loop(
+            one: Exported,
+            delay: float,
+            lag: float,
+            axis: str = axis,
+            made: Controller = made,
+            full: float = full,
+            block: slice = block,
+        ) -> _Loop:
             system = linearise(one.vehicle, _bare(one.model), speed, rho).system
-            travel = math.copysign(full_travel(craft, _CONTROL[axis], autopilot, now), _sense(axis, one.model))
+            travel = math.copysign(full, _sense(axis, one.model))
 
             def at(s: Complex) -> OpenLoop:
                 return open_loop(axis, system, made, travel, delay, lag, s)
 
-            grows = int(np.count_nonzero(np.linalg.eigvals(system.A).real > _GROWS))
+            # Modes of the other axes are not in the loop.
+            grows = int(np.count_nonzero(np.linalg.eigvals(system.A[block, block]).real > _GROWS))
             return _Loop(at(along(FREQUENCY_HZ)), is_stable(at(_BESIDE).total, grows))
 
         best = loop(model, servo[0][0], servo[1][0])
@@ -115,6 +141,10 @@ def margins(
                 spread.append(loop(one, delay, lag))
             except SimVehicleError:
                 continue
+        if len(spread) < _MOST_DRAWN * len(others):
+            warnings.append(
+                f"{axis}: {len(others) - len(spread)} of {len(others)} models drawn cannot fly level, and count nowhere"
+            )
         loops[axis] = _sheet(best, spread, made)
         share = loops[axis]["stable_share"]
         if not best.stable:
@@ -137,26 +167,19 @@ def margins(
 
 def parameters_in(path: Path, system: int | None = None) -> dict[str, float]:
     """The autopilot's parameters of a recording. Raises GcsError in one line."""
-    from gcs.flights.autopilot_settings import parameters_of
-    from gcs.flights.streams import sender_of
-    from gcs.recording.reader import Recording
-
     recording = Recording(path)
     return parameters_of(recording, sender_of(recording, system).system)[0]
 
 
-def _refusal(axis: str, model: Model, craft: Vehicle, made: Controller | None) -> str:
+def _refusal(axis: str, model: Model, full: float | str, made: Controller | str) -> str:
     """Why nothing is said of an axis, "" where it is."""
-    if made is None:
-        return "the recording does not hold the gains of its rate loop"
+    if isinstance(made, str):
+        return made
     needed = {"roll": ("Cl_p", "Cl_da"), "pitch": ("Cm_alpha", "Cm_q", "Cm_de", "CL_alpha")}[axis]
     values, doubtful = model.values(), {*model.not_identified(), *model.unknown()}
     if missing := [name for name in needed if name not in values or name in doubtful]:
         return f"the flight does not show {', '.join(missing)}"
-    name = _CONTROL[axis]
-    if name not in craft.controls or not craft.controls[name].servos:
-        return f"no servo of the {name} is known"
-    return ""
+    return full if isinstance(full, str) else ""
 
 
 def _bare(model: Model) -> Model:
@@ -223,7 +246,7 @@ def _sheet(given: _Loop, drawn_: list[_Loop], made: Controller) -> dict[str, Any
 
 
 def _entry(value: float | None, others: list[float | None], unit: str) -> dict[str, Any]:
-    """Value, 95 % interval and the 5 % worst of it; a figure that some models do not have has an open end."""
+    """Value and 95 % interval; a figure that some models do not have has an open end."""
     entry: dict[str, Any] = {"value": value, "unit": unit}
     if others:
         ends = np.array([math.inf if one is None else one for one in others])

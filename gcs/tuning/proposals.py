@@ -18,19 +18,20 @@ import numpy as np
 from gcs.errors import SettingsError
 from gcs.exports.exported import Exported
 from gcs.tuning.findings import Findings, Quantity
-from sim_vehicle.vehicle.controls import OUTPUTS, PORTS, Control, servo_pwm
+from gcs.tuning.travel import full_travel, range_of
+from sim_vehicle.vehicle.controls import OUTPUTS, PORTS, servo_pwm
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 
 AUTOPILOTS = ("ardupilot", "px4")
-# ArduPilot's servo functions of two surfaces in one, whose share of each demand is MIXING_GAIN.
-_MIXED, _MIXING_GAIN = (77, 78, 79, 80), 0.5
 _NOTIONAL_DEG = 45.0
 # Speeds that gains are scaled to where the log does not say: ArduPilot's SCALING_SPEED, PX4's FW_AIRSPD_TRIM, m/s.
-_SCALING_SPEED = 15.0
+SCALING_SPEED = 15.0
+# PX4's trims of the demands, beside those of the servos.
+_PX4_TRIMS = {"elevator": "TRIM_PITCH", "aileron": "TRIM_ROLL", "rudder": "TRIM_YAW"}
 # The slowest speed over that of the stall, as ArduPilot's documentation of AIRSPEED_MIN asks for.
 _OVER_STALL = 1.2
-# Half of an interval, beyond which nobody should act on a number: share of the value, rad, us.
-_WIDEST_SHARE, _WIDEST_ANGLE, _WIDEST_PULSE = 0.35, math.radians(2.0), 40.0
+# Half of an interval, beyond which nobody should act on a number: share of the value, us.
+_WIDEST_SHARE, _WIDEST_PULSE = 0.35, 40.0
 _WIDEST_RATIO = 0.08
 _RATE = "a steady rate needs so much of the surface's travel"
 
@@ -58,6 +59,12 @@ class Proposal:
             "name": self.name, "now": self.now, "value": self.value, "interval": between, "unit": self.unit,
             "reason": self.reason,
         }  # fmt: skip
+
+
+def positive(now: Mapping[str, float], name: str, usual: float) -> float:
+    """A parameter that must be above 0, else what is usual."""
+    value = now.get(name, usual)
+    return value if value > 0.0 else usual
 
 
 class _Parameters:
@@ -123,19 +130,20 @@ def _ardupilot(parameters: _Parameters, vehicle: Vehicle, stall: Quantity | str)
     now, found = parameters.now, parameters.found
     _air_data(parameters, parameters.named("ARSPD_RATIO"), 2.0, now.get("ARSPD_RATIO"))
     for axis, name in (("roll", "AHRS_TRIM_X"), ("pitch", "AHRS_TRIM_Y")):
-        _level(parameters, name, axis, 1.0, "rad")
-    _servo_trims(parameters, vehicle, lambda servo: f"SERVO{servo}_TRIM")
-    speed = now.get("SCALING_SPEED", _SCALING_SPEED)
+        _level(parameters, name, axis)
+    _servo_trims(parameters, vehicle, "ardupilot")
+    speed = positive(now, "SCALING_SPEED", SCALING_SPEED)
     for name, of, control in (
         ("RLL_RATE_FF", "roll_deflection", "aileron"),
         ("PTCH_RATE_FF", "pitch_deflection", "elevator"),
     ):
         full = full_travel(vehicle, control, "ardupilot", now)
-        gain = _NOTIONAL_DEG / math.degrees(full) / speed if full else math.nan
-        _feedforward(parameters, name, of, control, gain, f"SCALING_SPEED {speed:g} m/s")
+        _feedforward(parameters, name, of, full, math.radians(_NOTIONAL_DEG) / speed, f"SCALING_SPEED {speed:g} m/s")
     level = f"level flight at the {found.airspeed:.1f} m/s flown"
     parameters.propose("TRIM_THROTTLE", "throttle", lambda k: 100.0 * k, "%", f"throttle of {level}", 10.0, 0)
-    parameters.propose("TECS_CLMB_MAX", "climb", float, "m/s", f"climb at full throttle at {found.airspeed:.1f} m/s")
+    parameters.propose(
+        "TECS_CLMB_MAX", "climb", float, "m/s", f"climb at {found.most:.0%} throttle at {found.airspeed:.1f} m/s"
+    )
     parameters.propose("TECS_SINK_MIN", "sink", float, "m/s", f"sink in a glide at {found.airspeed:.1f} m/s")
     _speeds(parameters, stall, parameters.named("AIRSPEED_MIN", "ARSPD_FBW_MIN"), "AIRSPEED_STALL")
     bank = parameters.named("ROLL_LIMIT_DEG", "LIM_ROLL_CD")
@@ -147,21 +155,24 @@ def _ardupilot(parameters: _Parameters, vehicle: Vehicle, stall: Quantity | str)
 def _px4(parameters: _Parameters, vehicle: Vehicle, stall: Quantity | str) -> None:
     now, found = parameters.now, parameters.found
     scale = parameters.named("ASPD_SCALE_1", "ASPD_SCALE")
-    _air_data(parameters, scale, 1.0, now.get(scale, 1.0))
+    _air_data(parameters, scale, 1.0, now.get(scale))
     for axis, name in (("roll", "SENS_BOARD_X_OFF"), ("pitch", "SENS_BOARD_Y_OFF")):
-        _level(parameters, name, axis, math.degrees(1.0), "deg")
-    _servo_trims(parameters, vehicle, _px4_centre)
-    speed = now.get("FW_AIRSPD_TRIM", _SCALING_SPEED) * found.eas2tas
+        _level(parameters, name, axis)
+    _servo_trims(parameters, vehicle, "px4")
+    scaled = now.get("FW_ARSP_SCALE_EN", 1.0) != 0.0
+    trim = positive(now, "FW_AIRSPD_TRIM", SCALING_SPEED)
+    speed = trim * found.eas2tas if scaled else found.airspeed
+    at = f"FW_AIRSPD_TRIM {trim:g} m/s" if scaled else f"the {found.airspeed:.1f} m/s flown, for it is not scaled"
     for name, of, control in (
         ("FW_RR_FF", "roll_deflection", "aileron"),
         ("FW_PR_FF", "pitch_deflection", "elevator"),
     ):
-        full = full_travel(vehicle, control, "px4", now)
-        at = f"FW_AIRSPD_TRIM {now.get('FW_AIRSPD_TRIM', _SCALING_SPEED):g} m/s"
-        _feedforward(parameters, name, of, control, 1.0 / (full * speed) if full else math.nan, at)
+        _feedforward(parameters, name, of, full_travel(vehicle, control, "px4", now), 1.0 / speed, at)
     level = f"level flight at the {found.airspeed:.1f} m/s flown"
     parameters.propose("FW_THR_TRIM", "throttle", float, "1", f"throttle of {level}", 0.1, 3)
-    parameters.propose("FW_T_CLMB_MAX", "climb", float, "m/s", f"climb at full throttle at {found.airspeed:.1f} m/s")
+    parameters.propose(
+        "FW_T_CLMB_MAX", "climb", float, "m/s", f"climb at {found.most:.0%} throttle at {found.airspeed:.1f} m/s"
+    )
     parameters.propose("FW_T_SINK_MIN", "sink", float, "m/s", f"sink in a glide at {found.airspeed:.1f} m/s")
     _speeds(parameters, stall, "FW_AIRSPD_MIN", "FW_AIRSPD_STALL")
     _bank(parameters, stall, "FW_R_LIM", 1.0)
@@ -179,34 +190,47 @@ def _air_data(parameters: _Parameters, name: str, power: float, now: float | Non
     parameters.propose(name, "airspeed_reading", lambda reads: now / reads**power, "1", share, widest)
 
 
-def _level(parameters: _Parameters, name: str, axis: str, factor: float, unit: str) -> None:
-    """How the board is turned against the aircraft: an attitude that reads too high is taken off."""
-    now = parameters.now.get(name, 0.0)
-    reading = f"{axis}_reading"
-    found = parameters.found.quantities.get(reading)
-    by = "" if found is None else f"{axis} reads {math.degrees(found.value):+.2f} deg against the accelerometers"
-    parameters.propose(name, reading, lambda off: now + factor * off, unit, by, factor * _WIDEST_ANGLE, 5)
+def _level(parameters: _Parameters, name: str, axis: str) -> None:
+    """How the board is turned against the aircraft is not in the flight: IMU and attitude are turned alike."""
+    found = parameters.found.quantities.get(f"{axis}_reading")
+    reads = "" if found is None else f" ({axis} reads {math.degrees(found.value):+.2f} deg against the accelerometers)"
+    parameters.refuse(name, f"a turned board turns IMU and attitude alike, so that no flight shows it: level it{reads}")
 
 
-def _servo_trims(parameters: _Parameters, vehicle: Vehicle, name: Callable[[int], str]) -> None:
+def _servo_trims(parameters: _Parameters, vehicle: Vehicle, autopilot: str) -> None:
     """Pulses at which the surfaces hold level flight, so that a demand of nothing does."""
     found = parameters.found
-    controls = {key: one for key, one in vehicle.controls.items() if key != "throttle" and one.servos}
+    controls = {
+        key: one
+        for key, one in vehicle.controls.items()
+        if key != "throttle" and one.servos and one.signal != "position"
+    }
     axes = {"elevator": "de", "aileron": "da", "rudder": "dr"}
     for servo in sorted({servo for one in controls.values() for servo in one.servos}):
         # A servo of two surfaces is moved by both.
         own = [key for key, one in controls.items() if servo in one.servos]
+        name = f"SERVO{servo}_TRIM" if autopilot == "ardupilot" else _px4_centre(servo)
         missing = [axes[key] for key in own if axes[key] not in found.quantities]
+        beside = [one for key in own if parameters.now.get(one := _PX4_TRIMS[key], 0.0) != 0.0]
         if missing:
-            parameters.refuse(name(servo), found.refused.get(missing[0], "the flight does not show it"))
+            parameters.refuse(name, found.refused.get(missing[0], "the flight does not show it"))
+            continue
+        if beside:
+            parameters.refuse(
+                name, f"{', '.join(beside)} trims it too: set that to 0 and fly again, or it counts twice"
+            )
             continue
         trims = {key: found.quantities[axes[key]] for key in controls if axes[key] in found.quantities}
         held = {key: one.value for key, one in trims.items()}
         drawn = np.array([one.drawn for one in trims.values()]).T
         values = [servo_pwm(controls, dict(zip(trims, row.tolist(), strict=True)))[servo] for row in drawn]
         why = f"{' and '.join(own)} of level flight at the {found.airspeed:.1f} m/s flown"
-        parameters.take(name(servo), Quantity(servo_pwm(controls, held)[servo], np.array(values), "us"), why,
-                        _WIDEST_PULSE, 0)  # fmt: skip
+        best = servo_pwm(controls, held)[servo]
+        low, high = range_of(servo, autopilot, parameters.now) or (-math.inf, math.inf)
+        if not low < best < high:
+            parameters.refuse(name, f"level flight needs {best:.0f} us, beyond its range of {low:.0f} to {high:.0f} us")
+            continue
+        parameters.take(name, Quantity(best, np.array(values), "us"), why, _WIDEST_PULSE, 0)
 
 
 def _px4_centre(servo: int) -> str:
@@ -214,27 +238,12 @@ def _px4_centre(servo: int) -> str:
     return f"PWM_{PORTS[port]}_CENT{place + 1}"
 
 
-def full_travel(vehicle: Vehicle, name: str, autopilot: str, now: Mapping[str, float]) -> float:
-    """Deflection at a full demand, rad: half of the travel, of which ArduPilot gives a servo of two surfaces a share; 0
-    where no servo is known. now: the autopilot's parameters.
-    """
-    control: Control | None = vehicle.controls.get(name)
-    if control is None or not control.servos:
-        return 0.0
-
-    def share(servo: int) -> float:
-        mixed = autopilot == "ardupilot" and int(now.get(f"SERVO{servo}_FUNCTION", 0)) in _MIXED
-        return now.get("MIXING_GAIN", _MIXING_GAIN) if mixed else 1.0
-
-    rows = zip(control.servos, control.mix, control.deflection, strict=True)
-    return sum(abs(weight * (ys[-1] - ys[0])) / 2.0 * share(servo) for servo, weight, ys in rows)
-
-
-def _feedforward(parameters: _Parameters, name: str, of: str, control: str, gain: float, at: str) -> None:
-    if math.isnan(gain):
-        parameters.refuse(name, f"no servo of the {control} is known")
+def _feedforward(parameters: _Parameters, name: str, of: str, full: float | str, gain: float, at: str) -> None:
+    """gain: of the deflection times speed, over the full travel, s."""
+    if isinstance(full, str):
+        parameters.refuse(name, full)
         return
-    parameters.propose(name, of, lambda deflection: gain * deflection, "s", f"{_RATE} ({control}), at {at}")
+    parameters.propose(name, of, lambda deflection: gain / full * deflection, "s", f"{_RATE}, at {at}")
 
 
 def _speeds(parameters: _Parameters, stall: Quantity | str, slowest: str, stalling: str) -> None:

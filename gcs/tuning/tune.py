@@ -8,14 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from gcs.analysis.aircraft import aircraft_of
-from gcs.errors import ExportError, SettingsError
+from gcs.analysis.aircraft import aircraft_of, well_formed
+from gcs.errors import ExportError
 from gcs.exports.exported import Exported
 from gcs.exports.performance import performance
 from gcs.text.files import write_whole
 from gcs.text.one_line import one_line
 from gcs.tuning.findings import SAMPLES, Quantity, findings
 from gcs.tuning.proposals import proposals
+from gcs.tuning.travel import range_warnings
 from gcs.version import VERSION
 from sim_vehicle.model.model_file import model_from_json
 
@@ -37,12 +38,18 @@ def tune(
 
     Raises SettingsError or ExportError in one line for what is no such result.
     """
-    if not isinstance(result, dict) or result.get("schema") != "identification/1":
-        raise SettingsError("this is no result of gcs identify: give the file that gcs identify -o wrote")
+    with well_formed(result):
+        return _tune(result, autopilot, progress)
+
+
+def _tune(result: Any, autopilot: str, progress: Callable[[float, str], None]) -> dict[str, Any]:
     vehicle, now, airspeed = aircraft_of(result)
     model = Exported(model_from_json(result["model"], "the result's model"), vehicle)
-    found = findings(result, model, airspeed.startswith(_OWN_AIRSPEED))
-    warnings = [f"no intervals: {found.refused['intervals']}"] if "intervals" in found.refused else []
+    most = now.get("THR_MAX", 100.0) / 100.0 if autopilot == "ardupilot" else now.get("FW_THR_MAX", 1.0)
+    found = findings(result, model, _no_pitot(airspeed, now), most if 0.0 < most <= 1.0 else 1.0)
+    warnings = [*vehicle.warnings, *range_warnings(vehicle, autopilot, now)]
+    if "intervals" in found.refused:
+        warnings.append(f"no intervals: {found.refused['intervals']}")
     other = next(name for name in _KNOWN_BY if name != autopilot)
     if not now:
         warnings.append("the recordings hold no parameters: what each is now is not known")
@@ -56,6 +63,15 @@ def tune(
         "refused": [one.to_json() for one in every if one.refused],
         "warnings": warnings,
     }  # fmt: skip
+
+
+def _no_pitot(airspeed: str, now: Mapping[str, float]) -> str:
+    """Why an airspeed is no reading of the autopilot's own sensor, "" where it is."""
+    if not airspeed.startswith(_OWN_AIRSPEED):
+        return "the airspeed of these recordings is not the autopilot's own reading"
+    if now.get("ARSPD_TYPE") == 0.0:
+        return "ARSPD_TYPE is 0: there is no airspeed sensor, and its airspeed is a guess of the autopilot's"
+    return ""
 
 
 def _stall(model: Exported, progress: Callable[[float, str], None]) -> Quantity | str:

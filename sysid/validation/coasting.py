@@ -57,7 +57,7 @@ CHI2_95 = 5.991
 class Coast:
     """A stretch without satellites. time_s: (N,) s of the flight. aircraft, by_model, by_inertia: (N, 2) m north and
     east of where it began: by GPS, and as the two coast. covariance: (N, 2, 2) m^2, of `by_model` less `aircraft`.
-    wind: north and east, m/s, at its beginning. before_s: length of the flight that the wind comes from.
+    wind: north and east, m/s, at its beginning, gusts with it. before_s: length of the flight that the wind comes from.
     """
 
     time_s: Array
@@ -103,7 +103,7 @@ def coast(flight: Prepared, vehicle: Vehicle, model: Fixed, seconds: float, star
     begin, end = _flown(data)
     first, last = float(data.time_s[begin]), float(data.time_s[end - 1])
     start = last - seconds if start_s is None else start_s
-    if start < first + LEAST_BEFORE_S or start + seconds > last:
+    if not (first + LEAST_BEFORE_S <= start and start + seconds <= last):
         raise SegmentError(
             f"{data.name}: in flight from {first:.0f} to {last:.0f} s: {seconds:g} s from {start:.0f} s on, and"
             f" {LEAST_BEFORE_S:g} s before, are not in it; take less, or another beginning"
@@ -130,11 +130,12 @@ def coast(flight: Prepared, vehicle: Vehicle, model: Fixed, seconds: float, star
         places.append(filter_.x[:2].copy())
         spread.append(filter_.P[:2, :2].copy())
     kept = cut + size * np.arange(count + 1)
-    by_gps = _filled(part.time_s, ground)
+    wind = (float(filter_.wind[0]), float(filter_.wind[1]))
+    by_gps = _filled(part, ground, cut)
     return Coast(
         part.time_s[kept], _path(by_gps[cut:], part.interval_s)[: count * size + 1 : size], np.array(places),
         _by_inertia(part, rows, by_gps, cut)[: count * size + 1 : size], _widened(spread, filter_, len(before[0])),
-        (float(filter_.wind[0]), float(filter_.wind[1])), float(part.time_s[cut] - part.time_s[0]),
+        wind, float(part.time_s[cut] - part.time_s[0]),
     )  # fmt: skip
 
 
@@ -318,11 +319,15 @@ def _widened(spread: list[Array], fitted: _WindFilter, steps: int) -> Array:
     return np.array(spread) * (2.0 * float(f.ppf(0.95, 2.0, seen)) / CHI2_95)
 
 
-def _filled(time_s: Array, ground: Array) -> Array:
-    """GPS velocities, (N, 2) m/s, between those that came on a line."""
-    said = np.isfinite(ground).all(axis=1)
-    if not said.any():
-        raise SignalError("GPS says nothing in this part of the flight")
+def _filled(part: FlightData, ground: Array, cut: int) -> Array:
+    """GPS velocities, (N, 2) m/s, between those that came on a line. Raises SegmentError for a long gap from just
+    before the cut on: what the drift is held against would be made up.
+    """
+    said, time_s = np.isfinite(ground).all(axis=1), part.time_s
+    late = time_s[said & (time_s >= time_s[cut] - _BRIDGED_S)]
+    longest = float(np.max(np.diff(np.concatenate([[time_s[cut]], late[late > time_s[cut]], [time_s[-1]]]))))
+    if longest > _BRIDGED_S or not late.size:
+        raise SegmentError(f"{part.name}: GPS has a gap of {longest:.1f} s there; take another beginning with --at")
     return np.column_stack([np.interp(time_s, time_s[said], one[said]) for one in ground.T])
 
 

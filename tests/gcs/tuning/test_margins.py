@@ -175,13 +175,30 @@ def test_intervals_hold_the_truth_and_a_guessed_inertia_widens_nothing() -> None
     assert widths[1] < 1.3 * widths[0]
 
 
+@pytest.mark.parametrize(("changed", "axis"), [({"Cl_r": 0.4}, "pitch"), ({"Cm_alpha": 0.05}, "roll")])
+def test_what_grows_in_the_other_axes_makes_no_loop_unstable(changed: dict[str, float], axis: str) -> None:
+    """A spiral that diverges, and an aircraft that tips over: neither is in the other loop."""
+    model = damped()
+    entries = {name: Coefficient(value) for name, value in changed.items()}
+    model = replace(model, coefficients={**model.coefficients, **entries})
+    there = replace(load_vehicle("iitb-mav"), warnings=())
+    there = replace(there, environment=replace(there.environment, air_density=SEA_LEVEL_DENSITY))
+    system = linearise(there, model, SPEED, SEA_LEVEL_DENSITY).system
+    assert np.max(np.linalg.eigvals(system.A).real) > 0.05
+    assert sheet(model)["loops"][axis]["stable"]
+
+
 def test_px4_s_gains_are_found_and_what_is_not_there_is_said(tmp_path: Path) -> None:
-    board = {"FW_RR_P": 0.1, "FW_RR_FF": 0.3, "FW_R_TC": 0.4, "FW_AIRSPD_TRIM": 15.0}
+    board = {"FW_RR_P": 0.1, "FW_RR_I": 0.1, "FW_RR_FF": 0.3, "FW_R_TC": 0.4, "FW_AIRSPD_TRIM": 25.0, "FW_PR_P": 0.1}
     found = margins(a_result(damped(), board, nuisances=SERVOS))
     assert found["autopilot"] == "px4"
     assert set(found["loops"]) == {"roll"}
     assert found["loops"]["roll"]["gains"]["P"]["parameter"] == "FW_RR_P"
-    assert found["refused"][0]["name"] == "pitch"
+    assert found["refused"] == [{"name": "pitch", "refused": "the recording does not hold FW_PR_I, FW_PR_FF"}]
+    # Without scaling gains act as they are, here by less than a third of what 25 over 15 m/s, squared, makes of them.
+    bare = margins(a_result(damped(), board | {"FW_ARSP_SCALE_EN": 0.0}, nuisances=SERVOS))
+    margin = [one["loops"]["roll"]["gain_margin"]["value"] for one in (found, bare)]
+    assert margin[1] - margin[0] > 3.0
     with pytest.raises(SettingsError, match="no gains of the rate loops"):
         margins(a_result(damped(), {"SCALING_SPEED": 15.0}))
     path = tmp_path / "result.json"
@@ -214,3 +231,7 @@ def test_modes_are_of_the_level_that_the_standard_says() -> None:
     small = {one["mode"]: one for one in handling(modes[3:], 1.0)}
     assert small["roll"]["value"] == pytest.approx(math.sqrt(10.0))
     assert small["roll"]["level"] == 3
+    # A phugoid that grows is of level 3 where it doubles in 55 s or more.
+    slow = {"name": "phugoid", "eigenvalue": [math.log(2.0) / 60.0, 0.4], "damping_ratio": {"value": -0.03}}
+    fast = {**slow, "eigenvalue": [math.log(2.0) / 30.0, 0.4]}
+    assert [one["level"] for mode in (slow, fast) for one in handling([mode], 10.0)] == [3, 4]

@@ -14,7 +14,7 @@ from processes import run
 from pymavlink.mavparm import MAVParmDict
 from scipy.integrate import solve_ivp
 from scipy.optimize import fsolve
-from tuned_result import SPEED, a_result
+from tuned_result import NOW, SPEED, a_result
 
 from gcs.tuning.tune import tune, write_parameters
 from sim_vehicle.constants import SEA_LEVEL_DENSITY, STANDARD_GRAVITY
@@ -137,11 +137,12 @@ def test_an_airspeed_that_reads_high_lowers_the_ratio_and_intervals_are_its_erro
     assert math.sqrt(found["ARSPD_RATIO"]["value"] * pressure) == pytest.approx(SPEED, rel=1e-4)
     low, high = found["ARSPD_RATIO"]["interval"]
     assert (high - low) / 3.92 == pytest.approx(2.0 * 2.0 * 0.005 / 1.05**3, rel=0.15)
-    # What reads too high is what the board is turned by against the aircraft, beside what was known of it.
-    assert found["AHRS_TRIM_Y"]["value"] == pytest.approx(0.03)
+    # A turned board turns both that the attitude is held against: no flight shows it.
+    assert "pitch reads +1.15 deg against the accelerometers" in refused(result)["AHRS_TRIM_Y"]
     px4 = proposed(a_result(read_model("iitb-mav"), {"ASPD_SCALE_1": 1.0}, sensor_errors=errors), "px4")
     assert px4["ASPD_SCALE_1"]["value"] == pytest.approx(1.0 / 1.05, abs=1e-4)
-    assert px4["SENS_BOARD_Y_OFF"]["value"] == pytest.approx(math.degrees(0.02), abs=1e-4)
+    assert "ARSPD_TYPE is 0" in refused(a_result(read_model("iitb-mav"), NOW | {"ARSPD_TYPE": 0.0}))["ARSPD_RATIO"]
+    assert "does not hold what it is now" in refused(a_result(read_model("iitb-mav"), {}), "px4")["ASPD_SCALE_1"]
     of_vane = {**result, "aircraft": {**result["aircraft"], "airspeed": "NAMED_VALUE_FLOAT.adc3"}}
     assert "not the autopilot's own" in refused(of_vane)["ARSPD_RATIO"]
 
@@ -156,7 +157,13 @@ def test_what_the_flight_does_not_show_is_refused_with_the_reason() -> None:
         coefficients={**read_model("iitb-mav").coefficients, "Cl_p": Coefficient(None, refused="roll did not move")},
     )
     why = refused(a_result(lacking))
-    assert why["RLL_RATE_FF"] == "Cl_p and Cl_da are not both identified"
+    assert why["RLL_RATE_FF"] == "nothing is known of Cl_p"
+    still = replace(with_values(Cm_q=-6.0), coefficients={
+        **with_values(Cm_q=-6.0).coefficients, "Cm_alpha": Coefficient(None, refused="alpha did not move"),
+    })  # fmt: skip
+    assert refused(a_result(still))["PTCH_RATE_FF"] == "nothing is known of Cm_alpha"
+    # Behind its manoeuvre point a pull-up is held by pushing.
+    assert "beyond the manoeuvre point" in refused(a_result(with_values(Cm_q=-6.0, Cm_alpha=0.9)))["PTCH_RATE_FF"]
 
 
 def test_a_stall_that_was_found_gives_the_slowest_speed_and_the_steepest_bank() -> None:
@@ -190,12 +197,59 @@ def test_the_file_is_read_by_those_that_load_it(tmp_path: Path) -> None:
     assert all(len(row) == 5 and row[:2] == ["1", "1"] and row[4] in ("6", "9") for row in rows)
 
 
+def test_a_full_demand_is_what_the_servo_s_range_makes_of_it() -> None:
+    """Half of the range is half of the travel, so that the same roll takes twice the share of it."""
+    model = with_values(Cl_0=0.0, Cn_0=0.0)
+    whole = proposed(a_result(model, {"SERVO1_MIN": 1000.0, "SERVO1_MAX": 2000.0}))["RLL_RATE_FF"]["value"]
+    half = proposed(a_result(model, {"SERVO1_MIN": 1250.0, "SERVO1_MAX": 1750.0}))["RLL_RATE_FF"]["value"]
+    assert half == pytest.approx(2.0 * whole, rel=1e-3)
+    assert any("ranges of servo 1, 2, 4" in line for line in tune(a_result(model, {}), "ardupilot")["warnings"])
+    out = refused(a_result(with_values(Cm_0=0.3), {"SERVO2_MIN": 1480.0, "SERVO2_MAX": 1520.0}))["SERVO2_TRIM"]
+    assert "beyond its range of 1480 to 1520 us" in out
+    # No more throttle is given than THR_MAX: the climb is that of 60 %.
+    now = {one: proposed(a_result(model, {"THR_MAX": one}))["TECS_CLMB_MAX"]["value"] for one in (60.0, 100.0)}
+    craft = load_vehicle("iitb-mav")
+    less = SPEED * 0.4 * craft.propulsion.max_thrust / (craft.mass.mass * STANDARD_GRAVITY)
+    assert now[100.0] - now[60.0] == pytest.approx(less, rel=0.01)
+    trimmed = {"PWM_MAIN_CENT2": 1500.0, "TRIM_PITCH": 0.2}
+    assert "TRIM_PITCH trims it too" in refused(a_result(model, trimmed), "px4")["PWM_MAIN_CENT2"]
+
+
+def elevons(**changed: Any) -> dict[str, Any]:
+    """The result of an aircraft whose servos 1 and 2 move both elevator and aileron."""
+    result = a_result(with_values(Cl_0=0.0, Cn_0=0.0))
+    controls = result["aircraft"]["file"]["controls"]
+    curve = {"pwm": [[1000, 1500, 2000]] * 2, "deflection": [[-0.436, 0.0, 0.436]] * 2}
+    controls["elevator"] = {"servo": [1, 2], "mix": [0.5, 0.5], **curve, **changed}
+    controls["aileron"] = {"servo": [1, 2], "mix": [-0.5, 0.5], **curve, **changed}
+    return result
+
+
+def test_elevons_get_their_share_whether_or_not_the_log_says_that_they_are() -> None:
+    """ArduPilot gives an elevon MIXING_GAIN, 0.5, of a demand: half of the travel that one servo alone would have."""
+    alone = proposed(a_result(with_values(Cl_0=0.0, Cn_0=0.0)))["RLL_RATE_FF"]["value"]
+    assert proposed(elevons())["RLL_RATE_FF"]["value"] == pytest.approx(2.0 * alone, rel=1e-3)
+    said = elevons()
+    said["aircraft"]["parameters"] = NOW | {"SERVO1_FUNCTION": 77.0, "SERVO2_FUNCTION": 78.0, "MIXING_GAIN": 0.8}
+    assert proposed(said)["RLL_RATE_FF"]["value"] == pytest.approx(alone / 0.8, rel=1e-3)
+
+
+def test_positions_are_no_pulses() -> None:
+    result = a_result(with_values(Cm_q=-6.0))
+    result["aircraft"]["file"]["controls"]["elevator"]["signal"] = "position"
+    assert "holds positions of the elevator" in refused(result)["PTCH_RATE_FF"]
+    assert "SERVO2_TRIM" not in {**proposed(result), **refused(result)}
+
+
 @pytest.mark.parametrize(
     ("content", "words"),
     [
         ("{", "is not JSON"),
         ('{"schema": "discrepancy/1"}', "no result of gcs identify"),
         ('{"schema": "identification/1", "model": {}}', "does not hold the aircraft that flew: make it again"),
+        (json.dumps(a_result(read_model("iitb-mav")) | {"model": 3}), "make it again with gcs identify"),
+        (json.dumps(a_result(read_model("iitb-mav")) | {"state_space": {"airspeed": "x"}}), "make it again"),
+        (json.dumps(a_result(read_model("iitb-mav")) | {"sensor_errors": [1]}), "make it again"),
     ],
 )
 def test_what_is_no_result_is_one_line(tmp_path: Path, content: str, words: str) -> None:

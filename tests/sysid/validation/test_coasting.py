@@ -44,7 +44,7 @@ def test_in_a_steady_wind_the_model_stays_where_the_aircraft_is() -> None:
     assert np.all(np.diff(np.trace(found.covariance, axis1=1, axis2=2)) > 0.0)
 
 
-def test_a_wrong_model_drifts_where_it_is_wrong() -> None:
+def test_a_wrong_model_takes_its_angle_for_wind() -> None:
     """A side force that is there in no flight: the nose seems to point beside the wind."""
     signals, _ = fly_mav("multisine", 5, effects=WIND, duration=60.0)
     right, wrong = on_model(signals, 20.0, 22.0), on_model(signals, 20.0, 22.0, CY_beta=-0.4, CY_0=0.1)
@@ -98,3 +98,13 @@ def test_what_does_not_fit_is_said() -> None:
     without = FlightSignals("f", {name: one for name, one in signals.signals.items() if name not in ("vn", "ve")})
     with pytest.raises(SignalError, match="coasting needs vn, ve"):
         on_model(without, 20.0)
+    # Where the aircraft was is not made up.
+    lost = dict(signals.signals)
+    for name in ("vn", "ve"):
+        kept = (lost[name].time_s < 40.0) | (lost[name].time_s > 47.0)
+        lost[name] = replace(lost[name], time_s=lost[name].time_s[kept], values=lost[name].values[kept])
+    with pytest.raises(SegmentError, match=r"GPS has a gap of 7\.[0-9] s there"):
+        on_model(FlightSignals("f", lost), 20.0, 35.0)
+    assert on_model(FlightSignals("f", lost), 10.0, 49.5).drift[-1] < 10.0
+    with pytest.raises(SegmentError, match="are not in it"):
+        on_model(signals, 20.0, float("nan"))
