@@ -12,6 +12,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--vehicle", metavar="FILE", required=True, help="vehicle file or name of a built-in vehicle")
     parser.add_argument("--mass", metavar="KG", type=float, help="take-off mass (the vehicle file's)")
     parser.add_argument("--altitude", metavar="M", type=float, default=0.0, help="height in the standard atmosphere")
+    parser.add_argument("--temperature", metavar="C", type=float, help="there, in degrees Celsius (the standard one)")
     parser.add_argument("--json", action="store_true")
 
 
@@ -25,6 +26,6 @@ def run(args: argparse.Namespace) -> int:
 
     model = Exported(model_of(args.model), load_vehicle(args.vehicle))
     with Progress() as progress:
-        found = performance(model, args.mass, args.altitude, progress)
+        found = performance(model, args.mass, args.altitude, args.temperature, progress)
     print(dumps(found, indent=2) if args.json else performance_text(found))
     return 0

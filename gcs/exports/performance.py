@@ -18,13 +18,14 @@ from scipy.interpolate import PchipInterpolator
 from gcs.errors import ExportError, SettingsError
 from gcs.exports.exported import Exported
 from gcs.exports.samples import drawn
-from sim_vehicle.constants import STANDARD_GRAVITY
+from sim_vehicle.constants import GAS_CONSTANT, STANDARD_GRAVITY
 from sim_vehicle.errors import SimVehicleError
 from sim_vehicle.flight.plant import Plant
 from sim_vehicle.flight.state import Trim
 from sim_vehicle.flight.trim import solve_trim
 from sim_vehicle.model.aerodynamic_terms import parse_term
-from sim_vehicle.physics.atmosphere import density
+from sim_vehicle.physics.atmosphere import pressure
+from sim_vehicle.physics.atmosphere import temperature as standard_temperature
 from sim_vehicle.physics.propeller import throttle_thrust
 from sim_vehicle.vehicle.packed_model import flatten_vehicle
 from sim_vehicle.vehicle.propulsion import Propulsion
@@ -37,6 +38,8 @@ _BEYOND, _ABOUT = (0.75, 1.25), (0.6, 1.7)
 _FINE = 400
 # A climb of less is none: the service ceiling of a light aircraft, m/s; heights are looked at up to here, m.
 _LEAST_CLIMB, _HIGHEST = 0.5, 8000.0
+# Temperatures at which aircraft fly, degrees Celsius, and the zero of that scale, K.
+_COLDEST, _HOTTEST, ZERO_CELSIUS = -60.0, 60.0, 273.15
 # Thrust that no sensor measured, as the vehicle file has it, is known to this share.
 _THRUST_STD = 0.05
 _SLOW = "lies at or below the slowest speed of the table, beyond which the model is not asked"
@@ -79,19 +82,28 @@ def performance(
     model: Exported,
     mass: float | None = None,
     altitude: float = 0.0,
+    temperature: float | None = None,
     progress: Callable[[float, str], None] = lambda share, text: None,
 ) -> dict[str, Any]:
     """The sheet; the JSON of schema performance/1.
 
-    mass: kg, the vehicle file's without it. altitude: m. Raises SettingsError for what no aircraft has, ExportError or
+    mass: kg, the vehicle file's without it. altitude: m. temperature: degrees Celsius there, the standard atmosphere's
+    without it. Raises SettingsError for what no aircraft has, ExportError or
     SimVehicleError where the model cannot be trimmed.
     """
     if mass is not None and not 0.0 < mass < math.inf:
         raise SettingsError(f"--mass {mass:g}: give the mass in kg")
     if not -500.0 <= altitude <= _HIGHEST:
         raise SettingsError(f"--altitude {altitude:g}: give the height in m, up to {_HIGHEST:g}")
+    warmer = 0.0
+    if temperature is not None:
+        if not _COLDEST <= temperature <= _HOTTEST:
+            raise SettingsError(
+                f"--temperature {temperature:g}: give the temperature in degrees Celsius, {_COLDEST:g} to {_HOTTEST:g}"
+            )
+        warmer = temperature + ZERO_CELSIUS - float(standard_temperature(altitude))
     _require_drag(model)
-    rho = float(density(np.array(altitude)))
+    rho = float(_density(np.array(altitude), warmer))
     speeds = _speeds(model)
     best = _polar(model, speeds, rho, mass)
     warnings = []
@@ -116,8 +128,8 @@ def performance(
     if doubtful:
         warnings.append(f"not identified, and flown by the mean of a refused estimate: {', '.join(doubtful)}")
     found = {
-        name: _with_errors(name, value, [_figures(model, p, rho, t) for p, t in others], limits)
-        for name, value in _figures(model, best, rho, 1.0).items()
+        name: _with_errors(name, value, [_figures(model, p, rho, t, warmer) for p, t in others], limits)
+        for name, value in _figures(model, best, rho, 1.0, warmer).items()
     }
     if "stall" not in {effect.name for effect in model.model.effects}:
         found["stall_speed"] = {"refused": "no stall was approached: fly one, and let gcs discrepancy find it"}
@@ -126,9 +138,15 @@ def performance(
         found |= {name: {"refused": why} for name in _OF_THRUST}
     return {
         "schema": "performance/1", "model": model.model.name, "vehicle": model.vehicle.name,
-        "mass": mass or model.vehicle.mass.mass, "altitude": altitude, "air_density": rho, "figures": found,
+        "mass": mass or model.vehicle.mass.mass, "altitude": altitude, "temperature": temperature,
+        "air_density": rho, "figures": found,
         "speeds": _curves(model, best, others, rho), "warnings": warnings,
     }  # fmt: skip
+
+
+def _density(altitude: Array, warmer: float) -> Array:
+    """(N,) kg/m^3 at heights, (N,) m, in an atmosphere that is so much warmer than the standard one, K."""
+    return np.asarray(pressure(altitude) / (GAS_CONSTANT * (standard_temperature(altitude) + warmer)))
 
 
 def _require_drag(model: Exported) -> None:
@@ -196,7 +214,7 @@ def _thrust(vehicle: Vehicle, speeds: Array, rho: float) -> Array | None:
 _Figure = tuple[float | str, float, float]
 
 
-def _figures(model: Exported, polar: _Polar, rho: float, stronger: float) -> dict[str, _Figure]:
+def _figures(model: Exported, polar: _Polar, rho: float, stronger: float, warmer: float) -> dict[str, _Figure]:
     """Name -> value, or why there is none, and the speed and angle of attack that it is flown at."""
     CL, CD, alpha = polar.flown()
     loading = 2.0 * polar.weight / (rho * polar.area)
@@ -221,7 +239,7 @@ def _figures(model: Exported, polar: _Polar, rho: float, stronger: float) -> dic
         climb = (thrust - 0.5 * rho * speed**2 * polar.area * CD) * speed / polar.weight
         top, level = int(np.argmax(climb)), np.flatnonzero(climb >= 0.0)
         found["max_climb"], found["max_climb_speed"] = at(top, climb[top]), at(top, speed[top])
-        found["ceiling"] = (_ceiling(model, polar, stronger), float(speed[top]), float(alpha[top]))
+        found["ceiling"] = (_ceiling(model, polar, stronger, warmer), float(speed[top]), float(alpha[top]))
         nowhere: _Figure = (_NEVER, 0.0, 0.0)
         fast = int(level[0]) if level.size else 0
         found["max_speed"] = at(fast, speed[fast]) if level.size else nowhere
@@ -257,12 +275,12 @@ def _turn(polar: _Polar, rho: float, thrust: Array) -> _Figure:
     return best
 
 
-def _ceiling(model: Exported, polar: _Polar, stronger: float) -> float | str:
+def _ceiling(model: Exported, polar: _Polar, stronger: float, warmer: float) -> float | str:
     """Height, m, where the climb falls below what counts as one, or why there is none."""
     CL, CD, _ = polar.flown(60)
     heights = np.linspace(0.0, _HIGHEST, 41)
     climbs = []
-    for rho in density(heights):
+    for rho in _density(heights, warmer):
         speed = np.sqrt(2.0 * polar.weight / (rho * polar.area * CL))
         thrust = _thrust(model.vehicle, speed, float(rho))
         assert thrust is not None  # asked where there is one

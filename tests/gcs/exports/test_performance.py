@@ -56,6 +56,16 @@ def test_glide_sink_and_speed_are_the_closed_forms() -> None:
     assert not any("interval" in entry for entry in found.values())
 
 
+def test_a_hot_day_is_a_thinner_air() -> None:
+    """The gas law: at 40 degrees Celsius, pressure as it is, speeds grow by the root of the temperatures' ratio."""
+    model = parabolic()
+    usual, hot = performance(model), performance(model, temperature=40.0)
+    assert performance(model, temperature=15.0)["air_density"] == pytest.approx(usual["air_density"])
+    assert hot["air_density"] / usual["air_density"] == pytest.approx(288.15 / 313.15)
+    speeds = [one["figures"]["best_glide_speed"]["value"] for one in (usual, hot)]
+    assert speeds[1] / speeds[0] == pytest.approx(math.sqrt(313.15 / 288.15), rel=5e-3)
+
+
 def test_intervals_are_the_errors_of_the_polar_carried_on() -> None:
     found = performance(parabolic(std=0.05))["figures"]["best_glide_ratio"]
     # 1 / (2 sqrt(CD_0 k)): half of each share.
@@ -73,7 +83,7 @@ def test_what_was_not_flown_and_what_is_not_known_is_said() -> None:
     silent = performance(replace(model, vehicle=replace(model.vehicle, propulsion=None)))
     assert "full throttle is not known" in silent["figures"]["max_climb"]["refused"]
     assert "beyond" in performance_text(found)
-    for wrong in ({"mass": 0.0}, {"mass": math.nan}, {"altitude": 1e6}):
+    for wrong in ({"mass": 0.0}, {"mass": math.nan}, {"altitude": 1e6}, {"temperature": 313.15}):
         with pytest.raises(SettingsError):
             performance(model, **wrong)
 
