@@ -26,13 +26,35 @@ _SCALE_HEIGHT = GAS_CONSTANT * _TROPOPAUSE_TEMPERATURE / STANDARD_GRAVITY
 
 
 def temperature(altitude: ArrayLike) -> Array:
-    """Air temperature, K, at geopotential `altitude`, m (up to 20 km)."""
+    """Air temperature at a geopotential altitude.
+
+    Parameters
+    ----------
+    altitude : ArrayLike, any shape
+        Geopotential altitude, m (up to 20 km).
+
+    Returns
+    -------
+    Array, shape of `altitude`
+        Air temperature, K.
+    """
     h = np.asarray(altitude, dtype=np.float64)
     return np.asarray(SEA_LEVEL_TEMPERATURE - LAPSE_RATE * np.minimum(h, TROPOPAUSE))
 
 
 def pressure(altitude: ArrayLike) -> Array:
-    """Static pressure, Pa, at geopotential `altitude`, m (up to 20 km)."""
+    """Static pressure at a geopotential altitude.
+
+    Parameters
+    ----------
+    altitude : ArrayLike, any shape
+        Geopotential altitude, m (up to 20 km).
+
+    Returns
+    -------
+    Array, shape of `altitude`
+        Static pressure, Pa.
+    """
     h = np.asarray(altitude, dtype=np.float64)
     below = SEA_LEVEL_PRESSURE * (temperature(h) / SEA_LEVEL_TEMPERATURE) ** _EXPONENT
     above = _TROPOPAUSE_PRESSURE * np.exp(-(np.maximum(h, TROPOPAUSE) - TROPOPAUSE) / _SCALE_HEIGHT)
