@@ -108,6 +108,13 @@ CAMPAIGNS = {
         {"FAMILIES": "", "SEEDS": "", "FIRST": ""},
         hint="less of it: FAMILIES=typical,aerosonde SEEDS=2; FIRST=100: other flights",
     ),
+    "margins": LongRun(
+        "tests/campaign/loop_margins.py",
+        "whether the gain that `gcs margins` calls the limit oscillates in flight",
+        "21 flights, 3 min; what is there is kept",
+        {"FAMILIES": "", "SEEDS": "", "FIRST": ""},
+        hint="less of it: FAMILIES=aerosonde SEEDS=2; FIRST=100: other flights",
+    ),
     "coast": LongRun(
         "tests/campaign/coasting.py",
         "how far `gcs coast` strays in a minute without GPS, and whether its ellipses hold that",

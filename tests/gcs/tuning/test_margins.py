@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections import deque
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ from typing import Any
 import control
 import numpy as np
 import pytest
+from flown_loop import RollLoop
 from processes import run
 from simulated import fly_mav
 from tuned_result import SPEED, a_result
@@ -20,8 +20,6 @@ from gcs.errors import SettingsError
 from gcs.tuning.handling import handling
 from gcs.tuning.margins import margins
 from sim_vehicle.constants import SEA_LEVEL_DENSITY
-from sim_vehicle.flight.plant import Plant
-from sim_vehicle.flight.trim import solve_trim
 from sim_vehicle.model.model_file import Coefficient, Model, read_model
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.identification.linear_model import OUTPUTS, linearise
@@ -106,49 +104,9 @@ def test_the_gain_that_is_the_limit_oscillates_in_flight() -> None:
     model = damped()
     found = sheet(model)["loops"]["roll"]["gains"]["P"]
     limit = found["may_grow"]["value"]
-    craft = load_vehicle("iitb-mav")
-    there = replace(craft, environment=replace(craft.environment, air_density=SEA_LEVEL_DENSITY))
-    plant = Plant(there, model)
-    trim = solve_trim(plant, SPEED, 0.0)
-    still = np.zeros(3)
-
-    def grows(factor: float) -> bool:
-        x, aileron = trim.state.x.copy(), 0.0
-        x[10] = 0.002
-        step, frame = 0.0025, 8
-        commands = deque([0.0] * round(DELAY / step))
-        integral = derivative = filtered = before = 0.0
-        gyro, gyro_rate, w = 0.0, 0.0, 2.0 * math.pi * 20.0
-        rates, demand, scaler = [], 0.0, 17.0 / SPEED
-        for k in range(round(6.0 / step)):
-            if k % frame == 0:
-                q0, q1, q2, q3 = x[6:10]
-                phi = math.atan2(2.0 * (q0 * q1 + q2 * q3), 1.0 - 2.0 * (q1 * q1 + q2 * q2))
-                dt = frame * step
-                filtered += (1.0 - math.exp(-2.0 * math.pi * 3.0 * dt)) * (-phi / 0.45 - filtered)
-                error = (filtered - gyro) * scaler**2
-                integral += 0.15 * error * dt
-                share = 1.0 - math.exp(-2.0 * math.pi * 12.0 * dt)
-                derivative, before = derivative + share * ((error - before) / dt - derivative), error
-                out = 0.12 * factor * error + integral + 0.004 * derivative + 0.18 * filtered * scaler
-                demand = math.degrees(out) / 45.0 * TRAVEL
-            commands.append(demand)
-            aileron += step / LAG * (commands.popleft() - aileron)
-            change = np.array([0.0, aileron, 0.0, 0.0])
-            state = plant.state_at(x, trim.command + change, trim.state.surfaces + change)
-            middle = x + 0.5 * step * plant.rates(state, still, still)
-            state = plant.state_at(middle, trim.command + change, trim.state.surfaces + change)
-            x = x + step * plant.rates(state, still, still)
-            gyro_rate += step * (w**2 * (x[10] - gyro) - math.sqrt(2.0) * w * gyro_rate)
-            gyro += step * gyro_rate
-            rates.append(x[10])
-            if abs(x[10]) > 1.0:
-                return True
-        late, early = np.array(rates[-800:]), np.array(rates[400:1200])
-        return bool(np.std(late - np.mean(late)) > np.std(early - np.mean(early)))
-
-    assert not grows(0.85 * limit)
-    assert grows(1.15 * limit)
+    loop = RollLoop(load_vehicle("iitb-mav"), model, BOARD, SPEED, DELAY, LAG)
+    assert not loop.grows(0.85 * limit)
+    assert loop.grows(1.15 * limit)
 
 
 def test_intervals_hold_the_truth_and_a_guessed_inertia_widens_nothing() -> None:
