@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.errors import SignalMapError
-from gcs.flights.streams import MAV_AUTOPILOT_ARDUPILOT, VehicleStreams
+from gcs.flights.streams import MAV_AUTOPILOT_ARDUPILOT, OF_STATE, VehicleStreams
 from sim_vehicle.vehicle.controls import OUTPUTS, PORTS
 from sysid.arrays import Array
 from sysid.signals.flight import FlightSignals
 
 #: Messages that are needed beside those of the signals.
-MESSAGES = ("EXTENDED_SYS_STATE", "HEARTBEAT", "SERVO_OUTPUT_RAW")
+MESSAGES = (*OF_STATE, "SERVO_OUTPUT_RAW")
 # MAV_TYPE of what can hover, and MAV_VTOL_STATE of what does not fly on its wing.
 _VTOL, _NOT_ON_WING = range(19, 26), (1, 2, 3)
 # ArduPilot: modes that begin with Q, functions of motors that lift (number of the first one, and the count).

@@ -21,6 +21,8 @@ Records = NDArray[Any]
 
 MAV_AUTOPILOT_ARDUPILOT = 3
 AUTOPILOT_COMPONENT = 1
+# Messages that say how the vehicle is, measured or not.
+OF_STATE = ("HEARTBEAT", "EXTENDED_SYS_STATE")
 STAMP_FIELDS = {"time_usec": 1_000, "time_boot_ms": 1_000_000}
 
 
@@ -121,8 +123,8 @@ class VehicleStreams:
 
     @property
     def duration_s(self) -> float:
-        """Seconds from the first to the last stamp."""
-        times = [stream.time_s for group in self.streams.values() for stream in group]
+        """Seconds from the first to the last stamp. Messages of state go on where nothing is measured any more."""
+        times = [s.time_s for name, group in self.streams.items() if name not in OF_STATE for s in group]
         return float(max((t.max() for t in times if t.size), default=0.0))
 
 
