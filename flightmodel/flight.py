@@ -81,7 +81,7 @@ class Flight:
         ("alpha: column 'alpha (deg)', deg",)
         """
         table, left_out = _columns_of(frame)
-        every, angles = with_angles(table)
+        every, angles = with_angles(table, columns)
         matched = match_columns(list(every), {**angles, **(columns or {})}, units)
         flight = flight_from_table(name, every, matched)
         return cls(flight, tuple(use.sentence for use in matched.uses), (*matched.unused, *left_out))

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.errors import SignalMapError
+from gcs.flights.sender import FIXED_WING
 from gcs.flights.streams import MAV_AUTOPILOT_ARDUPILOT, OF_STATE, VehicleStreams
 from sim_vehicle.vehicle.controls import OUTPUTS, PORTS
 from sysid.arrays import Array
@@ -26,7 +27,7 @@ _VTOL, _NOT_ON_WING = range(19, 26), (1, 2, 3)
 # ArduPilot: modes that begin with Q, functions of motors that lift (number of the first one, and the count).
 _Q_MODES, _MOTORS = (17, 18, 19, 20, 21, 22, 23, 25), ((33, 8), (82, 4))
 _PX4_MOTOR, _PX4_MOTORS = 101, 12
-_STANDARD_VTOL, _TILTROTOR, _TAILSITTER = 2, 3, 4
+_STANDARD_VTOL, _TILTROTOR, _TAILSITTER_CLASS = 2, 3, 10
 # A motor turns above this share of its pulses.
 _TURNS = 0.05
 # Before and after a hover so much of the flight is neither, s; less than so much forward flight is none.
@@ -46,8 +47,10 @@ def pushes(parameters: Mapping[str, float], motor: int) -> bool:
 def lift_motors(parameters: Mapping[str, float]) -> dict[int, float]:
     """Output of each motor that only lifts -> the pulse above which it turns, us."""
     found: dict[int, float] = {}
-    if parameters.get("Q_ENABLE", 0.0) > 0.0 and not parameters.get("Q_TAILSIT_ENABLE", 0.0) > 0.0:
-        tilting = int(parameters.get("Q_TILT_MASK", 0.0)) if parameters.get("Q_TILT_ENABLE", 0.0) > 0.0 else 0
+    # Before 4.1 a tailsitter was a class of frames, and tilting motors were those of a mask alone.
+    sits = parameters.get("Q_TAILSIT_ENABLE", float(parameters.get("Q_FRAME_CLASS") == _TAILSITTER_CLASS)) > 0.0
+    if parameters.get("Q_ENABLE", 0.0) > 0.0 and not sits:
+        tilting = int(parameters.get("Q_TILT_MASK", 0.0)) if parameters.get("Q_TILT_ENABLE", 1.0) > 0.0 else 0
         for servo in range(1, 2 * OUTPUTS + 1):
             function = int(parameters.get(f"SERVO{servo}_FUNCTION", 0))
             first = 0
@@ -76,8 +79,6 @@ def forward(flight: FlightSignals, streams: VehicleStreams, parameters: Mapping[
     Raises SignalMapError in one line where nothing is left.
     """
     motors = lift_motors(parameters)
-    if streams.sender.kind not in _VTOL and not motors:
-        return flight
     times = [one.time_s for one in flight.signals.values() if one.time_s.size]
     if not times:
         return flight
@@ -100,7 +101,8 @@ def forward(flight: FlightSignals, streams: VehicleStreams, parameters: Mapping[
 
     signals = {}
     for name, one in flight.signals.items():
-        kept = outside(one.time_s)
+        # What is constant has but its two ends.
+        kept = outside(one.time_s) if one.time_s.size > 2 else np.ones(one.time_s.size, dtype=bool)
         if kept.any():
             signals[name] = replace(one, time_s=one.time_s[kept], values=one.values[kept])
     said = f"{lost:.0f} s of {end - begin:.0f} s are not flown on the wing alone (hover, transition); they are left out"
@@ -115,7 +117,7 @@ def _by_state(streams: VehicleStreams) -> list[tuple[float, float]]:
 
 
 def _by_mode(streams: VehicleStreams) -> list[tuple[float, float]]:
-    if streams.sender.autopilot != MAV_AUTOPILOT_ARDUPILOT:
+    if streams.sender.autopilot != MAV_AUTOPILOT_ARDUPILOT or streams.sender.kind not in (FIXED_WING, *_VTOL):
         return []
     found = []
     for stream in streams.streams.get("HEARTBEAT", [])[:1]:

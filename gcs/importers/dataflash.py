@@ -187,7 +187,9 @@ def read_dataflash(path: Path) -> DataflashLog:
     offset, kind = offset[:count], kind[:count]
     formats = _formats(data, offset[kind == FMT_TYPE])
     if not formats:
-        raise ImportFileError(f"{path} holds no message of a dataflash log; check that it is an ArduPilot .bin")
+        raise ImportFileError(
+            f"{path} holds no message of a dataflash log; check that it is an ArduPilot .bin, or the text of one"
+        )
     tables: dict[str, Table] = {}
     unreadable = []
     for number, (name, length, letters, columns) in formats.items():

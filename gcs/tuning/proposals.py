@@ -212,6 +212,9 @@ def _servo_trims(parameters: _Parameters, vehicle: Vehicle, autopilot: str) -> N
         name = f"SERVO{servo}_TRIM" if autopilot == "ardupilot" else _px4_centre(servo)
         missing = [axes[key] for key in own if axes[key] not in found.quantities]
         beside = [one for key in own if parameters.now.get(one := _PX4_TRIMS[key], 0.0) != 0.0]
+        if autopilot == "px4" and servo > 2 * OUTPUTS:
+            parameters.refuse(name, "a servo on UAVCAN has no centre among PX4's parameters: set it in the servo")
+            continue
         if missing:
             parameters.refuse(name, found.refused.get(missing[0], "the flight does not show it"))
             continue
@@ -265,8 +268,11 @@ def _bank(parameters: _Parameters, stall: Quantity | str, name: str, factor: flo
 
     def bank(slow: float) -> float:
         load = (speed / (_OVER_STALL * slow)) ** 2
-        return factor * math.degrees(math.acos(1.0 / load)) if load > 1.0 else 0.0
+        return factor * math.degrees(math.acos(1.0 / load)) if load > 1.0 else math.nan
 
+    if math.isnan(bank(stall.value)):
+        parameters.refuse(name, f"the {speed:.1f} m/s flown are less than {_OVER_STALL:g} times the stall speed")
+        return
     unit = "deg" if factor == 1.0 else "cdeg"
     why = f"the level turn at {speed:.1f} m/s that keeps {_OVER_STALL:g} times its stall speed"
     parameters.take(name, stall.map(bank, unit), why, None, 0)
@@ -276,7 +282,8 @@ def _steepest(parameters: _Parameters, name: str, factor: float) -> None:
     """Pitch in the climb at full throttle at the speed flown: angle of the path and of attack."""
     climb, alpha = (parameters.found.quantities.get(one) for one in ("climb", "alpha"))
     if climb is None or alpha is None:
-        parameters.refuse(name, next(parameters.found.refused.get(one, "") for one in ("climb", "alpha")))
+        lacking = "climb" if climb is None else "alpha"
+        parameters.refuse(name, parameters.found.refused.get(lacking, "the flight does not show it"))
         return
     speed = parameters.found.airspeed
 

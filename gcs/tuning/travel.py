@@ -53,9 +53,22 @@ def _share(servo: int, vehicle: Vehicle, autopilot: str, now: Mapping[str, float
 
 
 def range_warnings(vehicle: Vehicle, autopilot: str, now: Mapping[str, float]) -> list[str]:
-    """Which servos count with the vehicle file's table because the log does not hold their range."""
+    """Which servos count with the vehicle file's table because the log does not hold their range, or a wider one."""
+    beyond = [
+        output_name(servo)
+        for key, one in vehicle.controls.items()
+        for servo, xs in zip(one.servos, one.pwm, strict=True)
+        if key != "throttle" and (ends := range_of(servo, autopilot, now)) and (ends[0] < xs[0] or ends[1] > xs[-1])
+    ]
+    lines = []
+    if beyond:
+        lines.append(
+            f"the ranges of servo {', '.join(dict.fromkeys(beyond))} in the log go beyond the vehicle file's table, at"
+            " whose ends the surface counts as at its stop"
+        )
     servos = {servo for key, one in vehicle.controls.items() if key != "throttle" for servo in one.servos}
     unknown = [output_name(servo) for servo in sorted(servos) if range_of(servo, autopilot, now) is None]
-    if not unknown:
-        return []
-    return [f"the ranges of servo {', '.join(unknown)} (MIN, MAX) are not in the log: the vehicle file's table counts"]
+    if unknown:
+        words = ", ".join(unknown)
+        lines.append(f"the ranges of servo {words} (MIN, MAX) are not in the log: the vehicle file's table counts")
+    return lines

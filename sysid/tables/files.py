@@ -66,7 +66,7 @@ class ColumnTable:
                 raise TableError(f"{self.name}: is SIDPAC's array, whose columns and units are fixed; leave yours out")
             return fdata_columns(self.fdata, self.name)
         said = units if isinstance(units, str) else {**self.units, **(units or {})}
-        every, angles = with_angles(self.columns)
+        every, angles = with_angles(self.columns, columns)
         return every, match_columns(list(every), {**angles, **(columns or {})}, said)
 
 

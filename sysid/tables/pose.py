@@ -69,6 +69,9 @@ def signals_of_pose(
     from scipy.interpolate import PchipInterpolator
     from scipy.spatial.transform import Rotation, Slerp
 
+    air = np.asarray(wind, dtype=np.float64)
+    if air.shape != (3,) or not np.isfinite(air).all():
+        raise TableError(f"wind: {wind!r} is no velocity; give north, east, down in m/s")
     if frame not in FRAMES:
         raise TableError(f"frame: {frame!r} is none of {', '.join(FRAMES)}")
     t, at, turned = (np.asarray(one, dtype=np.float64) for one in (time_s, position, quaternion))
@@ -78,7 +81,9 @@ def signals_of_pose(
             " and (N, 4) are wanted"
         )
     good = np.isfinite(t) & np.isfinite(at).all(axis=1) & (np.abs(np.linalg.norm(turned, axis=1) - 1.0) < 0.1)
-    good[1:] &= np.diff(t, prepend=t[0])[1:] > 0.0
+    # A stamp far ahead of those that follow is a stray one; so is one that is not behind all that came before.
+    good &= t <= np.minimum.accumulate(np.where(good, t, np.inf)[::-1])[::-1]
+    good[1:] &= t[1:] > np.maximum.accumulate(np.where(good, t, -np.inf))[:-1]
     t, at, turned = t[good], at[good], turned[good]
     if t.size < _FEWEST:
         raise TableError(f"pose: {t.size} poses are known; a flight has {_FEWEST} or more")
@@ -105,7 +110,7 @@ def signals_of_pose(
     rates = np.column_stack([fourier_smooth(one, step, _cutoff(raw, step)).values for one in raw.T])
     psi, theta, phi = np.unwrap(Rotation.from_matrix(rows).as_euler("ZYX"), axis=0).T
     force = np.einsum("kji,kj->ki", rows, felt)
-    u, v, w = np.einsum("kji,kj->ki", rows, velocity - np.asarray(wind)).T
+    u, v, w = np.einsum("kji,kj->ki", rows, velocity - air).T
     speed = np.sqrt(u**2 + v**2 + w**2)
     _check(u, speed, force, phi, frame)
     return {

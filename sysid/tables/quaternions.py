@@ -8,10 +8,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from sysid.arrays import Array
-from sysid.tables.columns import split_header
+from sysid.tables.columns import Wanted, split_header
 from sysid.tables.names import SIGNAL_UNITS, USUAL_NAMES, plain
 
-_PART = re.compile(r"(.*(?:orientation|quaternion|quat|q))([wxyz0-4])")
+# A header as the dictionary spells it: what it is of, q or quaternion, and which part.
+_PART = re.compile(r"((?:.*_)?)(?:q|quat|quaternion)_?([wxyz0-4])")
+# An attitude that is wanted, or somebody else's, is none of the aircraft.
+_OTHERS = {"sp", "setpoint", "des", "desired", "ref", "reference", "cmd", "command", "target", "demand", "gimbal", "d"}
 # Parts in the order of scalar, x, y, z.
 _ORDERS = (("w", "x", "y", "z"), ("0", "1", "2", "3"), ("1", "2", "3", "4"))
 _ANGLES = ("phi", "theta", "psi")
@@ -22,22 +25,27 @@ _SHORTEST, _LONGEST = 0.9, 1.1
 def quaternion_in(headers: Sequence[str]) -> tuple[str, ...]:
     """Headers of scalar, x, y and z of the table's quaternion; () where it has none or has angles as well.
 
-    Reads q0 … q3, q1 … q4 (scalar first, as ArduPilot and PX4 count), q[0] … q[3], qw … qz, orientation.w … .z.
+    Reads q0 … q3, q1 … q4 (scalar first, as ArduPilot and PX4 count), q[0] … q[3], qw … qz, with a name before them;
+    of several that with the shortest. ROS's `orientation` is none: it is of other axes.
     """
     called = {name for header in headers for name in (plain(header), split_header(header)[0])}
     if any(name in called for angle in _ANGLES for name in USUAL_NAMES[angle]):
         return ()
     groups: dict[str, dict[str, str]] = {}
     for header in headers:
-        if match := _PART.fullmatch(re.sub(r"[^a-z0-9]", "", header.lower())):
+        match = _PART.fullmatch(plain(header))
+        if match and not _OTHERS & set(match[1].split("_")):
             groups.setdefault(match[1], {})[match[2]] = header
-    found = (
-        tuple(parts[key] for key in order) for parts in groups.values() for order in _ORDERS if parts.keys() == {*order}
-    )
-    return next(found, ())
+    for prefix in sorted(groups, key=len):
+        for order in _ORDERS:
+            if groups[prefix].keys() == {*order}:
+                return tuple(groups[prefix][key] for key in order)
+    return ()
 
 
-def with_angles(columns: Mapping[str, Array]) -> tuple[dict[str, Array], dict[str, str]]:
+def with_angles(
+    columns: Mapping[str, Array], named: Mapping[str, Wanted] | None = None
+) -> tuple[dict[str, Array], dict[str, str]]:
     """The columns with phi, theta and psi in place of a quaternion, and signal -> header of those; as they are where
     they have none. It turns body axes (x forward, z down) to north, east, down.
 
@@ -45,6 +53,8 @@ def with_angles(columns: Mapping[str, Array]) -> tuple[dict[str, Array], dict[st
     ----------
     columns : Mapping[str, Array]
         Header -> (N,) values.
+    named : Mapping[str, str | int | Mapping[str, float]] | None
+        What the user says of columns, as `match_columns` takes it: a part that is named is no quaternion's.
 
     Returns
     -------
@@ -54,7 +64,10 @@ def with_angles(columns: Mapping[str, Array]) -> tuple[dict[str, Array], dict[st
         Signal -> header.
     """
     headers = quaternion_in(list(columns))
-    if not headers:
+    spoken = {*(named or {})}
+    for wanted in (named or {}).values():
+        spoken |= set(map(str, wanted)) if isinstance(wanted, Mapping) else {str(wanted)}
+    if not headers or spoken & {*headers, *_ANGLES}:
         return dict(columns), {}
     try:
         parts = np.column_stack([np.asarray(columns[header], dtype=np.float64) for header in headers])
@@ -65,9 +78,9 @@ def with_angles(columns: Mapping[str, Array]) -> tuple[dict[str, Array], dict[st
     if np.count_nonzero(known) < 0.5 * np.count_nonzero(np.isfinite(length)):
         return dict(columns), {}
     words = ", ".join(headers)
-    named = {angle: f"{angle} of {words} ({SIGNAL_UNITS[angle]})" for angle in _ANGLES}
+    angles = {angle: f"{angle} of {words} ({SIGNAL_UNITS[angle]})" for angle in _ANGLES}
     others = {header: values for header, values in columns.items() if header not in headers}
-    return {**others, **dict(zip(named.values(), _angles(parts, known), strict=True))}, named
+    return {**others, **dict(zip(angles.values(), _angles(parts, known), strict=True))}, angles
 
 
 def _angles(parts: Array, known: Array) -> Array:

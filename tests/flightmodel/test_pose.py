@@ -92,5 +92,12 @@ def test_what_no_aircraft_does_is_said(seen: dict[str, np.ndarray]) -> None:
         flight_of(seen, position=lost)
     with pytest.raises(TableError, match="do not go together"):
         flight_of(seen, quaternion=seen["quaternion"][:-1])
+    stray = seen["time"].copy()
+    stray[500] += 0.05
+    assert flight_of(seen, time=stray)["q"][1] == pytest.approx(flight_of(seen)["q"][1], abs=0.1)
+    with pytest.raises(TableError, match="0 poses are known"):
+        Flight.from_pose(np.zeros(0), np.zeros((0, 3)), np.zeros((0, 4)), inputs={})
+    with pytest.raises(TableError, match="is no velocity"):
+        Flight.from_pose(seen["time"], seen["position"], seen["quaternion"], inputs={}, wind=(1.0, float("nan"), 0.0))
     with pytest.raises(FlightModelError, match="inputs: de has the shape"):
         Flight.from_pose(seen["time"], seen["position"], seen["quaternion"], inputs={"de": seen["in_de"][:9]})

@@ -98,7 +98,8 @@ def test_signals_come_without_a_vehicle_file(tmp_path: Path) -> None:
     states = [state for state, _ in groupby(event["state"] for event in events.of("state"))]
     assert states[:2] == ["waiting", "live"]
     assert states[-1] == "lost"
-    signals = events.of("signals")
+    # What comes late, when the flight is over already, begins anew with nothing.
+    signals = [one for one in events.of("signals") if one["signals"]]
     assert len(signals) >= 2  # of about forty: the machine may be busy
     # Two messages of one instant may be told in two events, where the sender was held up between them.
     assert all(later["time_s"] >= earlier["time_s"] for earlier, later in pairwise(signals))

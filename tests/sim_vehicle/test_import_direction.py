@@ -36,6 +36,7 @@ PARTS = (
         "inspection",
         "report",
         "exports",
+        "tuning",
         "catalogue",
         "vehicles",
         "design",

@@ -72,13 +72,28 @@ def test_the_ending_txt_is_the_same_and_the_log_comes_back_whole(logs: Path, tmp
 
 def test_lines_that_are_none_are_left_out_and_counted(logs: Path, tmp_path: Path) -> None:
     lines = (logs / "log.log").read_text().splitlines()
-    lines[60:60] = ["IMU, 80000000, 0, 1.0", "gibberish", "WHAT, 1, 2", "MSG, 80000000, a text, with commas, in it"]
+    lines[60:60] = [
+        "IMU, 80x0000, 0, 1, 1, 1, 1, 1, 1",
+        "IMU, , 0, 1, 1, 1, 1, 1, 1",
+        "IMU, 80000000, 0, 1.0",
+        "gibberish",
+        "WHAT, 1, 2",
+        "MSG, 80000000, a text, with commas, in it",
+    ]
     (tmp_path / "odd.log").write_text("\n".join(lines[:-3]) + "\nIMU, 8000")
     import_file(tmp_path / "odd.log", tmp_path / "odd.mcap")
     found = Recording(tmp_path / "odd.mcap")
     texts = [bytes(one).split(b"\0")[0] for one in found.columns("STATUSTEXT")[0].fields["text"]]
     assert b"a text, with commas, in it" in texts
     assert extract(found, Vehicle.unknown()).signals["ax"].time_s.size >= 198
+
+
+def test_times_may_be_written_with_a_point(logs: Path, tmp_path: Path) -> None:
+    of_imu = [line.split(", ") for line in (logs / "log.log").read_text().splitlines()]
+    written = [", ".join([w[0], f"{w[1]}.0", *w[2:]]) if w[0] == "IMU" else ", ".join(w) for w in of_imu]
+    (tmp_path / "point.log").write_text("\n".join(["", "a word before", *written]))
+    import_file(tmp_path / "point.log", tmp_path / "point.mcap")
+    assert extract(Recording(tmp_path / "point.mcap"), Vehicle.unknown()).signals["ax"].time_s.size == 200
 
 
 def test_what_is_no_log_is_one_line(tmp_path: Path) -> None:

@@ -175,6 +175,9 @@ def test_a_stall_that_was_found_gives_the_slowest_speed_and_the_steepest_bank() 
     assert 8.0 < slow < 13.0
     assert found["AIRSPEED_MIN"]["value"] == pytest.approx(1.2 * slow, abs=0.1)
     # In a level turn the stall speed grows with the root of the load.
+    fast = a_result(model, state_space={"airspeed": 1.1 * slow, "air_density": SEA_LEVEL_DENSITY})
+    fast["model"]["validity"] = result["model"]["validity"]
+    assert "less than 1.2 times the stall speed" in refused(fast)["LIM_ROLL_CD"]
     bank = math.radians(found["LIM_ROLL_CD"]["value"] / 100.0)
     assert 1.2 * slow / math.sqrt(math.cos(bank)) == pytest.approx(SPEED, rel=0.02)
 
@@ -211,6 +214,8 @@ def test_a_full_demand_is_what_the_servo_s_range_makes_of_it() -> None:
     craft = load_vehicle("iitb-mav")
     less = SPEED * 0.4 * craft.propulsion.max_thrust / (craft.mass.mass * STANDARD_GRAVITY)
     assert now[100.0] - now[60.0] == pytest.approx(less, rel=0.01)
+    wide = tune(a_result(model, {"SERVO1_MIN": 800.0, "SERVO1_MAX": 2200.0}), "ardupilot")["warnings"]
+    assert any("servo 1 in the log go beyond the vehicle file's table" in line for line in wide)
     trimmed = {"PWM_MAIN_CENT2": 1500.0, "TRIM_PITCH": 0.2}
     assert "TRIM_PITCH trims it too" in refused(a_result(model, trimmed), "px4")["PWM_MAIN_CENT2"]
 

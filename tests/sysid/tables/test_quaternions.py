@@ -35,7 +35,7 @@ def parts() -> list[np.ndarray]:
         ("q[0]", "q[1]", "q[2]", "q[3]"),
         ("qw", "qx", "qy", "qz"),
         ("q.w", "q.x", "q.y", "q.z"),
-        ("field.orientation.w", "field.orientation.x", "field.orientation.y", "field.orientation.z"),
+        ("vehicle_attitude.q[0]", "vehicle_attitude.q[1]", "vehicle_attitude.q[2]", "vehicle_attitude.q[3]"),
         ("Q1", "Q2", "Q3", "Q4"),
     ],
 )
@@ -67,5 +67,13 @@ def test_what_is_no_attitude_is_none() -> None:
     assert quaternion_in(["time_s", "q0", "q1", "q2", "q3", "roll (deg)"]) == ()
     assert quaternion_in(["time_s", "q_d[0]", "q_d[1]", "q_d[2]", "q_d[3]"]) == ()
     assert quaternion_in(["time_s", "q", "q0", "q1", "q2"]) == ()
+    for name in ("setpoint_q", "seq", "gimbal_q", "att_sp.q"):
+        assert quaternion_in([f"{name}{k}" for k in range(4)]) == ()
+    assert quaternion_in([f"orientation.{k}" for k in "wxyz"]) == ()
+    # Of several the one with the shortest name, whatever stands first; none of which the user names a part.
+    assert quaternion_in([f"ekf2.q{k}" for k in range(4)] + [f"q{k}" for k in range(4)]) == ("q0", "q1", "q2", "q3")
+    table = {"time_s": TIME, **{f"q{k}": one for k, one in enumerate(q)}}
+    named = Flight.from_frame(table, columns={"throttle": "q1"}, units={"throttle": "1"})
+    assert set(named.signals.signals) == {"throttle"}
     flight = Flight.from_frame({"time_s": TIME, "q (rad/s)": q[0], **{f"q{k}": 7.0 * one for k, one in enumerate(q)}})
     assert set(flight.signals.signals) == {"q"}
