@@ -31,7 +31,7 @@ _QUEUE_BYTES = 1 << 20
 # Threads of a library that waits in a loop for matrices of size ten cost more than the matrices.
 _ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 _LOOK_S = 0.25
-_ASK_AGAIN_S = 5.0
+_ASK_AGAIN_S = 2.0
 _LOST_S = 2.0
 # A process that has not looked at a batch for so long stands still.
 _BEHIND_S = 10.0

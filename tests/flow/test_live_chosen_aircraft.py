@@ -16,8 +16,11 @@ from sim_vehicle.vehicle.vehicle_file import load_vehicle
 
 
 def fly(client: httpx.Client, port: int) -> dict[str, Any]:
-    """What is said of a flight of 9 s, sent at four times its pace, once it is over."""
-    flight = ["fly", "--manoeuvre", "elevator-multisine", "--duration", 9, "--speed", 4]
+    """What is said of a flight of 24 s, sent at four times its pace, once it is over.
+
+    Which board it is, and so which aircraft, is known only after it has answered, and the first estimate takes 8 s.
+    """
+    flight = ["fly", "--manoeuvre", "elevator-multisine", "--duration", 24, "--speed", 4]
     done = run("sim-vehicle", *flight, "--out", f"udpout:127.0.0.1:{port}")
     assert done.returncode == 0, done.stderr
 
