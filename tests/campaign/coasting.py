@@ -9,8 +9,6 @@ is a line of JSON in --store; what is there already is not run again.
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -21,9 +19,8 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).parent.parent / "support"))
 
 import numpy as np
-from field import read
 from field_flight import fly_plan, plan_of
-from other_engine import version
+from resumable import resumable
 
 from sim_vehicle.vehicle.packed_model import flatten
 from sysid.errors import SysidError
@@ -78,34 +75,5 @@ def report(lines: Sequence[Line]) -> None:
                 print(f"{line['family']} {line['seed']}: {one['error']}")
 
 
-def main() -> None:
-    """Fly and coast what is missing, and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--families", default=",".join(FAMILIES))
-    parser.add_argument("--seeds", type=int, default=6, help="flights of each family")
-    parser.add_argument("--first", type=int, default=0, help="seed of the first")
-    parser.add_argument("--store", type=Path, default=Path("campaign-output/coast/flights.jsonl"))
-    options = parser.parse_args()
-    options.store.parent.mkdir(parents=True, exist_ok=True)
-    lines, now = read(options.store, "kind"), version()
-    seeds = range(options.first, options.first + options.seeds)
-    wanted = [(family, seed, "coast", now) for seed in seeds for family in options.families.split(",")]
-    for key in wanted:
-        if key in lines:
-            continue
-        family, seed, _, _ = key
-        line = lines[key] = {
-            "family": family,
-            "seed": seed,
-            "kind": "coast",
-            "version": now,
-            "cuts": cuts(family, seed),
-        }
-        with options.store.open("a", encoding="utf-8") as store:
-            store.write(json.dumps(line) + "\n")
-        print(f"{family} {seed}", file=sys.stderr, flush=True)
-    report([lines[key] for key in wanted if key in lines])
-
-
 if __name__ == "__main__":
-    main()
+    resumable("coast", __doc__, FAMILIES, 6, lambda family, seed: {"cuts": cuts(family, seed)}, report)

@@ -10,8 +10,6 @@ what is there already is not run again.
 
 from __future__ import annotations
 
-import argparse
-import json
 import math
 import sys
 import tomllib
@@ -23,9 +21,8 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).parent.parent / "support"))
 
 import numpy as np
-from field import read
 from flown_loop import RollLoop
-from other_engine import version
+from resumable import resumable
 from simulated import fly_mav
 
 from gcs.tuning.margins import margins
@@ -100,28 +97,5 @@ def report(lines: Sequence[Line]) -> None:
             print(f"{line['family']} {line['seed']}: {line['error']}")
 
 
-def main() -> None:
-    """Fly what is missing, and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--families", default=",".join(AIRCRAFT))
-    parser.add_argument("--seeds", type=int, default=7, help="flights of each aircraft")
-    parser.add_argument("--first", type=int, default=0, help="seed of the first")
-    parser.add_argument("--store", type=Path, default=Path("campaign-output/margins/flights.jsonl"))
-    options = parser.parse_args()
-    options.store.parent.mkdir(parents=True, exist_ok=True)
-    lines, now = read(options.store, "kind"), version()
-    seeds = range(options.first, options.first + options.seeds)
-    wanted = [(family, seed, "margins", now) for seed in seeds for family in options.families.split(",")]
-    for key in wanted:
-        if key in lines:
-            continue
-        family, seed, _, _ = key
-        line = lines[key] = {"family": family, "seed": seed, "kind": "margins", "version": now, **fly(family, seed)}
-        with options.store.open("a", encoding="utf-8") as store:
-            store.write(json.dumps(line) + "\n")
-        print(f"{family} {seed}", file=sys.stderr, flush=True)
-    report([lines[key] for key in wanted if key in lines])
-
-
 if __name__ == "__main__":
-    main()
+    resumable("margins", __doc__, AIRCRAFT, 7, fly, report)

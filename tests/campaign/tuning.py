@@ -11,8 +11,6 @@ flight is a line of JSON in --store; what is there already is not run again.
 
 from __future__ import annotations
 
-import argparse
-import json
 import math
 import sys
 import tempfile
@@ -26,10 +24,9 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).parent.parent / "support"))
 
 import numpy as np
-from field import read
 from field_flight import FieldFlight, field_flight
 from field_wire import vehicle_file
-from other_engine import version
+from resumable import resumable
 from simulated import fly_mav
 
 from gcs.tuning.tune import tune
@@ -144,28 +141,5 @@ def report(lines: Sequence[Line]) -> None:
             print(f"{line['family']} {line['seed']}: {line['error']}")
 
 
-def main() -> None:
-    """Fly and estimate what is missing, and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--families", default=",".join((*FIELD, *SIMULATED)))
-    parser.add_argument("--seeds", type=int, default=6, help="flights of each family")
-    parser.add_argument("--first", type=int, default=0, help="seed of the first")
-    parser.add_argument("--store", type=Path, default=Path("campaign-output/tuning/flights.jsonl"))
-    options = parser.parse_args()
-    options.store.parent.mkdir(parents=True, exist_ok=True)
-    lines, now = read(options.store, "kind"), version()
-    seeds = range(options.first, options.first + options.seeds)
-    wanted = [(family, seed, "tune", now) for seed in seeds for family in options.families.split(",")]
-    for key in wanted:
-        if key in lines:
-            continue
-        family, seed, _, _ = key
-        line = lines[key] = {"family": family, "seed": seed, "kind": "tune", "version": now, **fly(family, seed)}
-        with options.store.open("a", encoding="utf-8") as store:
-            store.write(json.dumps(line) + "\n")
-        print(f"{family} {seed}", file=sys.stderr, flush=True)
-    report([lines[key] for key in wanted if key in lines])
-
-
 if __name__ == "__main__":
-    main()
+    resumable("tuning", __doc__, (*FIELD, *SIMULATED), 6, fly, report)
