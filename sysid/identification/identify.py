@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -55,7 +54,7 @@ from sysid.validation.statistics import Validation
 if TYPE_CHECKING:
     from sysid.posterior.estimates import PosteriorEstimate
 
-# Standard errors beyond which a sensor error by output error is not the one by kinematics.
+# Standard errors by kinematics beyond which a sensor error by output error is not the one that they estimate.
 _PULLED = 4.0
 METHODS = ("auto", "map", "ee", "oe", "fe")
 
@@ -176,7 +175,10 @@ def _output_error_if_white(
         books = _identify_by_classical_method(asked, "oe", read, compatible)
     except SysidError:
         return None
-    if books.likeliest is None or books.likeliest.left_over or _pulled(books):
+    if books.likeliest is None or books.likeliest.left_over or _pulled(books.sensor_errors, books.compatibility):
+        return None
+    # A sideslip by kinematics may be worth nothing where a simulated one is.
+    if any(reason.no_numbers for reason in books.quality.reasons):
         return None
     # Where surfaces were between samples is an estimate, a millisecond of which is more than these bars hold.
     if not has_positions(asked.vehicle) and any(one.record.joined for one in books.flights[0].stretches):
@@ -184,16 +186,19 @@ def _output_error_if_white(
     return books
 
 
-def _pulled(books: Identification) -> bool:
-    """Whether a sensor error is not what kinematics alone estimate: the motion's model then makes up for aerodynamics
-    that its structure does not hold.
+def _pulled(errors: Mapping[str, tuple[float, float, str]], compatible: CompatibilityResult) -> list[str]:
+    """Sensor errors that are not what kinematics alone estimate, in words: the motion's model then makes up for
+    aerodynamics that its structure does not hold.
+
+    An efficient estimate differs from a consistent one of the same data by no more than the consistent one's standard
+    error (J. A. Hausman, "Specification tests in econometrics", Econometrica 46(6), 1978).
     """
-    known = books.compatibility.parameters
-    return any(
-        abs(value - known[name].value) > _PULLED * math.hypot(std, known[name].std)
-        for name, (value, std, _) in books.sensor_errors.items()
-        if name in known
-    )
+    known = compatible.parameters
+    return [
+        f"{name} is {value:.3g} {unit}, and {known[name].value:.3g} ± {known[name].std:.2g} by kinematics alone"
+        for name, (value, _, unit) in errors.items()
+        if name in known and abs(value - known[name].value) > _PULLED * known[name].std
+    ]
 
 
 def _identify_by_classical_method(
@@ -211,7 +216,7 @@ def _identify_by_classical_method(
     vehicle, progress = asked.vehicle, asked.progress
     posed = _pose(asked, prepared, compatible)
     found = _by_equations(posed) if method == "ee" else _by_likelihood(posed, _likeliest(posed, method))
-    worth = flights_quality([one.signals for one in read.fitted], prepared, vehicle, compatible.gust_sigma)
+    worth = flights_quality([one.signals for one in read.fitted], prepared, vehicle, compatible.gust_sigma, False)
     model, refused = withheld(found.model, found.refused, worth, asked.prior)
     found = replace(found, model=with_total_errors(model, is_of_surfaces), refused=refused)
     mistakes = read.mistakes()
@@ -223,13 +228,18 @@ def _identify_by_classical_method(
     likeliest = found.likeliest
     left_over = "" if likeliest is None else likeliest.left_over
     misfit = "" if likeliest is None or likeliest.wider is None else likeliest.wider.warning()
+    warnings = list(found.warnings)
+    if likeliest is not None and (pulled := _pulled(found.errors, compatible)):
+        words = f"{'; '.join(pulled)}: sensor errors stand in for what the structure lacks; --method map"
+        misfit = "; ".join(filter(None, (misfit, words)))
+        warnings.append(words)
     seen = SeenEstimate(found.model, found.refused, validation, {}, misfit, left_over, sentences)
     return Identification(
         tuple(prepared), compatible, found.model, found.errors,
         unique_refusals((*found.refused, *compatible.refused), found.errors), validation,
         tuple(flight.name for flight in asked.validate_on), found.likeliest, found.equations,
         mean_motion(vehicle, found.model, prepared, compatible),
-        tuple(dict.fromkeys((*posed.warnings, *found.warnings, *sentences, *read.judged_warnings()))), mistakes,
+        tuple(dict.fromkeys((*posed.warnings, *warnings, *sentences, *read.judged_warnings()))), mistakes,
         compared, None, with_estimate(worth, seen),
     )  # fmt: skip
 
@@ -244,7 +254,7 @@ def _by_posterior(asked: Request, read: FlightsRead, known: CompatibilityResult 
 
     vehicle, progress = asked.vehicle, asked.progress
     found = identify_by_posterior(read.fitted, asked, known)
-    worth = flights_quality(found.signals, found.prepared, vehicle, found.compatible.gust_sigma)
+    worth = flights_quality(found.signals, found.prepared, vehicle, found.compatible.gust_sigma, True)
     model, refused = withheld(found.model, found.refused, worth, asked.prior)
     found = replace(found, model=with_total_errors(model, is_stated), refused=tuple(refused))
     # Kinematics determine zeros and gains in air without gusts alone, with sensors as the textbooks have them; the

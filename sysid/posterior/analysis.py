@@ -28,7 +28,7 @@ from sysid.posterior.estimates import (
     warnings_of,
 )
 from sysid.posterior.estimator import MAX_PASSES, Posterior
-from sysid.posterior.flight_part import FlightPart, outputs_of, with_vane
+from sysid.posterior.flight_part import FlightPart, outputs_of, with_flow, with_vane
 from sysid.posterior.group_model import SERVO, GroupModel
 from sysid.posterior.likelihood import Prior
 from sysid.posterior.nuisance_priors import (
@@ -128,10 +128,15 @@ class _GroupSearch:
 
 
 def _seen(parts: Sequence[FlightPart], found: Mapping[str, GroupEstimate], vehicle: Vehicle) -> list[FlightPart]:
-    """The parts with the flow angles of the groups found as they were before their vanes."""
+    """The parts with the flow angles of the groups found as they were before their vanes, or as simulated without."""
     seen = list(parts)
     for group, one in found.items():
-        seen = [with_vane(part, FLOW_OF[group], vehicle.sensors, one.nuisances(part.flight)) for part in seen]
+        flow, theta = FLOW_OF[group], np.concatenate((one.result.theta, one.result.states))
+        for i, part in enumerate(seen):
+            if flow in part.channels:
+                seen[i] = with_vane(part, flow, vehicle.sensors, one.nuisances(part.flight))
+            elif not one.posterior.model.flow_imposed:
+                seen[i] = with_flow(part, flow, vehicle.sensors, one.posterior.model.flow(i, theta))
     return seen
 
 

@@ -123,7 +123,7 @@ def make_part(
     vehicle: Vehicle,
     begin: float,
     end: float,
-    reconstructed: Mapping[str, tuple[Array, Array]] | None = None,
+    reconstructed: tuple[Array, Array] | None = None,
 ) -> FlightPart:
     """Prepare one part of a flight for the estimator.
 
@@ -137,8 +137,8 @@ def make_part(
         The vehicle that flew.
     begin, end : float
         First and last moment of the part, s on the flight's clock.
-    reconstructed : Mapping[str, tuple[Array, Array]], optional
-        alpha or beta by kinematics for where no vane is: stamps [s] and values [rad], shape (M,) each.
+    reconstructed : tuple[Array, Array], optional
+        alpha by kinematics for where no vane is: stamps [s] and values [rad], shape (M,) each.
 
     Returns
     -------
@@ -185,7 +185,7 @@ def make_part(
         raise SignalError(f"{signals.name}: the airspeed reads nothing: its sensor is dead or not connected")
     alive = {name: one for name, one in read.items() if one[0].size >= 10 and float(np.std(one[1])) > _DEAD}
     rough = _smooth((stamps, airspeed), grid, _HALF_S["airspeed"])
-    motion |= _flow(alive, reconstructed or {}, motion, rough, grid, vehicle)
+    motion |= _flow(alive, reconstructed, motion, rough, grid, vehicle)
     # The fast part of a vane's reading is gusts, and what goes with them takes their answer for its own.
     motion["slow_alpha"] = smoothed(grid, motion["alpha"], grid, _SLOW_HALF_S)
     messages = {name: one.source.partition(".")[0] for name, one in signals.signals.items()}
@@ -275,21 +275,23 @@ def _thrust(
 
 def _flow(
     read: Mapping[str, tuple[Array, Array]],
-    reconstructed: Mapping[str, tuple[Array, Array]],
+    reconstructed: tuple[Array, Array] | None,
     motion: Mapping[str, Array],
     speed: Array,
     grid: Array,
     vehicle: Vehicle,
 ) -> dict[str, Array]:
-    """alpha and beta at the centre of gravity, from the vanes, else from kinematics; no sideslip where neither is."""
+    """alpha and beta at the centre of gravity, from the vanes; else alpha from kinematics, and no sideslip: without a
+    vane those mistake wind for it, and the lateral motion is simulated.
+    """
     sensors, found = vehicle.sensors, {}
     for name in ("alpha", "beta"):
         if name in read:
             found[name] = _flow_read(read[name], grid)
-        elif name in reconstructed:
-            found[name] = np.interp(grid, *reconstructed[name])
         elif name == "beta":
             found[name] = np.zeros(grid.size)
+        elif reconstructed is not None:
+            found[name] = np.interp(grid, *reconstructed)
         else:
             raise SignalError("no angle of attack: neither a vane nor what kinematics could take it from")
     for name in read.keys() & found.keys():
@@ -337,7 +339,7 @@ class VaneReading:
             read = read + 2.0 * damping / omega * np.interp(later, grid, self.rate)
             read += np.interp(later, grid, self.curvature) / omega**2
         read = read / values[f"{self.name}_scale"]
-        return _at_centre(self.name, read, part.motion["alpha"], part.motion, part.airspeed.values, sensors)
+        return with_flow(part, self.name, sensors, read).motion[self.name]
 
 
 def vane_reading(part: FlightPart, name: str) -> VaneReading:
@@ -354,9 +356,14 @@ def with_vane(part: FlightPart, name: str, sensors: Sensors, values: Mapping[str
     What is imposed on one group of axes is read by the vane of the other: 60 ms of lag in it, times the rates, are as
     large as what is to be estimated.
     """
-    if name not in part.channels:
-        return part
     return replace(part, motion={**part.motion, name: vane_reading(part, name).at_centre(sensors, values)})
+
+
+def with_flow(part: FlightPart, name: str, sensors: Sensors, read: Array) -> FlightPart:
+    """The part with a flow angle, alpha or beta, that an ideal vane would have read: (N,) rad on its grid."""
+    motion = part.motion
+    centre = _at_centre(name, read, motion["alpha"], motion, part.airspeed.values, sensors)
+    return replace(part, motion={**motion, name: centre})
 
 
 def _along_path(motion: Mapping[str, Array], gravity: float) -> Array:

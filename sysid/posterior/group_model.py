@@ -203,6 +203,13 @@ class GroupModel:
         y = self._ideal(one, values, theta, self._states(index, theta))[0]
         return self._read(one, values, y[:, :, None])[:, :, 0]
 
+    def flow(self, index: int, theta: Array) -> Array:
+        """(N,) flow angle of the group as an ideal vane would read it, simulated, on the grid of a part; rad."""
+        one, values = self._prepared[index], self._values(index, theta)
+        predictor, flat = self._predictor(one, values, theta, self._driven(one, values))
+        y = predictor.outputs(0, flat, {}, self._states(index, theta))
+        return np.interp(self.parts[index].grid, one.part.grid, y[:, OUTPUTS.index(FLOW_OF[self.group])])
+
     def slopes(self, index: int, theta: Array) -> Array:
         """(m, K, P) slopes of a part's outputs by all unknowns, simulated at every second step of the grid."""
         place = theta.tobytes()
@@ -378,13 +385,18 @@ class GroupModel:
     ) -> tuple[Array, Predictor]:
         """(N, m) what ideal sensors read on the grid, and what it was predicted by. record: what drives it."""
         record = self._driven(one, values) if record is None else record
+        predictor, flat = self._predictor(one, values, theta, record)
+        return predictor.outputs(0, flat, {}, states)[:, self._columns], predictor
+
+    def _predictor(
+        self, one: _Prepared, values: Mapping[str, float], theta: Array, record: Record
+    ) -> tuple[Predictor, PackedModel]:
         predictor = Predictor(
             self._shaped(values), self.parameters, [record], sub_steps=1, tangent_steps=1,
             # What is read at the stamp of a step felt what was before it.
             command_first=0.0 if _stepping(one.part, self.unknowns) else 0.5,
         )  # fmt: skip
-        flat, _ = predictor.apply(theta[: len(self.parameters)])
-        return predictor.outputs(0, flat, {}, states)[:, self._columns], predictor
+        return predictor, predictor.apply(theta[: len(self.parameters)])[0]
 
     def _read(self, one: _Prepared, values: Mapping[str, float], y: Array) -> Array:
         """(m, K, C) on the common grid of ideal readings (N, m, C), vanes swinging: a linear map of every column."""

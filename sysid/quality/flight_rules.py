@@ -41,13 +41,14 @@ class SeenFlight:
     """A flight as the rules see it.
 
     signals: as recorded, within the parts that are used. gusts: m/s, as estimated by kinematics; 0 for calm air, or not
-    known.
+    known. simulated: whether the method simulates the lateral motion, and needs no sideslip by kinematics.
     """
 
     signals: FlightSignals
     prepared: Prepared
     vehicle: Vehicle
     gusts: float
+    simulated: bool
 
     def samples(self, name: str) -> tuple[Array, Array]:
         """Stamps and values that carry a number, within the parts."""
@@ -83,11 +84,13 @@ class SeenFlight:
 
 
 def flights_quality(
-    signals: Sequence[FlightSignals], prepared: Sequence[Prepared], vehicle: Vehicle, gusts: float
+    signals: Sequence[FlightSignals], prepared: Sequence[Prepared], vehicle: Vehicle, gusts: float, simulated: bool
 ) -> Quality:
-    """The verdict of flights that are used together. signals: of each, as recorded. gusts: m/s."""
+    """The verdict of flights that are used together. signals: of each, as recorded. gusts: m/s. simulated: as in
+    SeenFlight.
+    """
     pairs = zip(signals, prepared, strict=True)
-    return joined([flight_quality(SeenFlight(one, each, vehicle, gusts)) for one, each in pairs])
+    return joined([flight_quality(SeenFlight(one, each, vehicle, gusts, simulated)) for one, each in pairs])
 
 
 def flight_quality(seen: SeenFlight) -> Quality:
@@ -210,7 +213,7 @@ def _sideslip(seen: SeenFlight) -> Iterator[Reason]:
     all lateral coefficients are estimated together.
     """
     slowest = _slowest(seen)
-    if "beta" not in _measured(seen) and slowest < LIMITS.sideslip_hz - 0.5:
+    if not seen.simulated and "beta" not in _measured(seen) and slowest < LIMITS.sideslip_hz - 0.5:
         text = (
             f"sideslip is reconstructed from {slowest:.0f} Hz signals: below {LIMITS.sideslip_hz:.0f} Hz its error is"
             " larger than the bars can say"
@@ -232,7 +235,8 @@ def _sensors(seen: SeenFlight) -> Iterator[Reason]:
             yield Reason(CARE, text, "see whether its sensor is dead, and whether it is logged", axes)
     for name, axes, words in (("alpha", ("CL", "Cm"), "attack"), ("beta", LATERAL, "sideslip")):
         if name not in there:
-            text = f"no vane of the angle of {words}: it is taken from the kinematics"
+            source = "simulated" if name == "beta" and seen.simulated else "taken from the kinematics"
+            text = f"no vane of the angle of {words}: it is {source}"
             yield Reason(CARE, text, "a vane, or calm air and large inputs", axes)
     if "thrust" in seen.prepared.data and "thrust" not in there:
         yield Reason(POOR, "thrust repeats one value", "see whether its sensor is dead", ("CD",))

@@ -131,7 +131,7 @@ def _clean(flight: str, name: str, source: Signal, warnings: list[str]) -> Signa
     if name in ANGLES:
         values = np.unwrap(values)
     if not is_held(name):
-        bad = outliers(values)
+        bad = outliers(values, float(np.median(np.diff(time))))
         if bad.any():
             warnings.append(f"{name}: {int(bad.sum())} reading(s) far off their neighbours left out")
             time, values = time[~bad], values[~bad]

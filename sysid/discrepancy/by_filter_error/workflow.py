@@ -67,7 +67,7 @@ def compare(asked: Asked, read: FlightsRead, proposed: Sequence[Named] = ()) -> 
     prepared = [one.as_measured(vehicle, asked.start_s, asked.stop_s) for one in read.fitted]
     progress(0.08, "data compatibility")
     compatible, span = check_compatibility(prepared), (asked.start_s, asked.stop_s)
-    worth = flights_quality([one.signals for one in read.fitted], prepared, vehicle, compatible.gust_sigma)
+    worth = flights_quality([one.signals for one in read.fitted], prepared, vehicle, compatible.gust_sigma, False)
     for one in worth.not_flown:
         if one.no_numbers:
             raise EstimationError(f"{one.sentence}; use --method map, which leaves these axes out")

@@ -138,7 +138,7 @@ def _outcome(
     return Outcome(
         "map", verdict, tuple(found.named), after, found.ruled_out, used, judged,
         seen.compatible.gust_sigma,
-        flights_quality(asked.flights, seen.prepared, vehicle, seen.compatible.gust_sigma), tuple(warnings),
+        flights_quality(asked.flights, seen.prepared, vehicle, seen.compatible.gust_sigma, True), tuple(warnings),
     )  # fmt: skip
 
 
