@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -54,8 +55,11 @@ from sysid.validation.statistics import Validation
 if TYPE_CHECKING:
     from sysid.posterior.estimates import PosteriorEstimate
 
-# Standard errors by kinematics beyond which a sensor error by output error is not the one that they estimate.
+# Standard errors beyond which a sensor error by output error is not the one by kinematics.
 _PULLED = 4.0
+# Share of an axis' swing that the structure does not hold, from which on output error is not believed: 0.004 where
+# nothing is missing, 0.7 to 2.4 with aircraft of tables.
+_MISFIT = 0.05
 METHODS = ("auto", "map", "ee", "oe", "fe")
 
 
@@ -175,7 +179,10 @@ def _output_error_if_white(
         books = _identify_by_classical_method(asked, "oe", read, compatible)
     except SysidError:
         return None
-    if books.likeliest is None or books.likeliest.left_over or _pulled(books.sensor_errors, books.compatibility):
+    if books.likeliest is None or books.likeliest.left_over or _pulled(books):
+        return None
+    # What its structure does not hold, sensor errors and coefficients make up for together.
+    if books.likeliest.wider is not None and books.likeliest.wider.share > _MISFIT:
         return None
     # A sideslip by kinematics may be worth nothing where a simulated one is.
     if any(reason.no_numbers for reason in books.quality.reasons):
@@ -186,19 +193,16 @@ def _output_error_if_white(
     return books
 
 
-def _pulled(errors: Mapping[str, tuple[float, float, str]], compatible: CompatibilityResult) -> list[str]:
-    """Sensor errors that are not what kinematics alone estimate, in words: the motion's model then makes up for
-    aerodynamics that its structure does not hold.
-
-    An efficient estimate differs from a consistent one of the same data by no more than the consistent one's standard
-    error (J. A. Hausman, "Specification tests in econometrics", Econometrica 46(6), 1978).
+def _pulled(books: Identification) -> bool:
+    """Whether a sensor error is not what kinematics alone estimate: the motion's model then makes up for aerodynamics
+    that its structure does not hold.
     """
-    known = compatible.parameters
-    return [
-        f"{name} is {value:.3g} {unit}, and {known[name].value:.3g} ± {known[name].std:.2g} by kinematics alone"
-        for name, (value, _, unit) in errors.items()
-        if name in known and abs(value - known[name].value) > _PULLED * known[name].std
-    ]
+    known = books.compatibility.parameters
+    return any(
+        abs(value - known[name].value) > _PULLED * math.hypot(std, known[name].std)
+        for name, (value, std, _) in books.sensor_errors.items()
+        if name in known
+    )
 
 
 def _identify_by_classical_method(
@@ -228,18 +232,13 @@ def _identify_by_classical_method(
     likeliest = found.likeliest
     left_over = "" if likeliest is None else likeliest.left_over
     misfit = "" if likeliest is None or likeliest.wider is None else likeliest.wider.warning()
-    warnings = list(found.warnings)
-    if likeliest is not None and (pulled := _pulled(found.errors, compatible)):
-        words = f"{'; '.join(pulled)}: sensor errors stand in for what the structure lacks; --method map"
-        misfit = "; ".join(filter(None, (misfit, words)))
-        warnings.append(words)
     seen = SeenEstimate(found.model, found.refused, validation, {}, misfit, left_over, sentences)
     return Identification(
         tuple(prepared), compatible, found.model, found.errors,
         unique_refusals((*found.refused, *compatible.refused), found.errors), validation,
         tuple(flight.name for flight in asked.validate_on), found.likeliest, found.equations,
         mean_motion(vehicle, found.model, prepared, compatible),
-        tuple(dict.fromkeys((*posed.warnings, *warnings, *sentences, *read.judged_warnings()))), mistakes,
+        tuple(dict.fromkeys((*posed.warnings, *found.warnings, *sentences, *read.judged_warnings()))), mistakes,
         compared, None, with_estimate(worth, seen),
     )  # fmt: skip
 

@@ -108,12 +108,21 @@ class WithExtraTerms:
                         found[own][cause] += float(axis.projection[i, j]) * change
         return found
 
+    @property
+    def share(self) -> float:
+        """Largest share of an axis' swing that the structure does not hold, of the axes that show it."""
+        parts = [(axis, self._parts(axis)) for axis in self.axes if axis.name in self.shown]
+        return max((float(np.linalg.norm(one)) / max(axis.swing, _LEAST_SWING) for axis, one in parts), default=0.0)
+
+    def _parts(self, axis: _AxisTerms) -> Array:
+        values = {p.name: float(v) for p, v in zip(self.result.parameters, self.result.theta, strict=False)}
+        return np.asarray(axis.root @ np.array([values[name] for name in axis.further]))
+
     def warning(self) -> str:
         """What was found, in words."""
-        values = {p.name: float(v) for p, v in zip(self.result.parameters, self.result.theta, strict=False)}
         found = []
         for axis in self.axes:
-            parts = axis.root @ np.array([values[name] for name in axis.further])
+            parts = self._parts(axis)
             like = axis.further[int(np.argmax((axis.root.T @ parts) ** 2 / np.sum(axis.root**2, axis=0)))]
             if axis.name in self.shown:
                 found.append(f"{np.linalg.norm(parts):.1e} rms of {axis.name} (most like {like})")

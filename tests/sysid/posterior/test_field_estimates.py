@@ -69,8 +69,8 @@ def test_sideslip_without_a_vane_is_simulated(family: str, seed: int) -> None:
     assert np.mean(np.array(off) < 2.5) >= 0.85
 
 
-def test_output_error_that_takes_the_airspeed_for_aerodynamics_is_not_chosen() -> None:
-    """Its airspeed of 75 m/s was 2.4 m/s off, six of the kinematics' standard errors, and 13 of 14 bars missed."""
+def test_output_error_is_not_chosen_where_its_structure_lacks_something() -> None:
+    """An airspeed of 75 m/s came out 2.4 m/s off there, and 13 of 14 bars missed."""
     flight = flown("stock", 16)
     found = identify([flight.signals], flight.vehicle)
     assert found.likeliest is None
@@ -80,8 +80,6 @@ def test_output_error_that_takes_the_airspeed_for_aerodynamics_is_not_chosen() -
         if entry.value is not None and entry.std is not None:
             off.append(max(low - entry.value, entry.value - high, 0.0) / own_bar(entry))
     assert max(off) < 3.0
-    asked = identify([flight.signals], flight.vehicle, method="oe", systematic=False)
-    assert any("airspeed_bias is" in warning and "by kinematics alone" in warning for warning in asked.warnings)
 
 
 def test_a_result_says_what_stood_between_aircraft_and_log() -> None:

@@ -40,7 +40,7 @@ def thinned(one: Signal, step: int) -> Signal:
 
 
 def judged(flight: FlightSignals, vehicle: Vehicle = VEHICLE, gusts: float = 0.0) -> Quality:
-    return flight_quality(SeenFlight(flight, prepare(flight, vehicle), vehicle, gusts))
+    return flight_quality(SeenFlight(flight, prepare(flight, vehicle), vehicle, gusts, False))
 
 
 def test_a_flight_as_it_should_be_is_good(flight: FlightSignals) -> None:
@@ -61,7 +61,7 @@ def test_a_flight_that_lacks_some_axes_is_good_for_the_others_alone(flight: Flig
 @pytest.mark.parametrize(("hz", "verdict", "words"), [(25, "care", "come at 25 Hz"), (5, "poor", "come at 5 Hz")])
 def test_slow_sensors(hz: int, verdict: str, words: str, flight: FlightSignals) -> None:
     imu = {name: thinned(flight.signals[name], 50 // hz) for name in ("ax", "ay", "az", "p", "q", "r")}
-    found = flight_quality(SeenFlight(changed(flight, **imu), prepare(flight, VEHICLE), VEHICLE, 0.0))
+    found = flight_quality(SeenFlight(changed(flight, **imu), prepare(flight, VEHICLE), VEHICLE, 0.0, False))
     assert found.verdict == verdict
     assert any(words in one.text and one.advice for one in found.reasons)
 
@@ -70,7 +70,7 @@ def test_lost_samples_are_a_share_of_the_time(flight: FlightSignals) -> None:
     q = flight.signals["q"]
     kept = (q.time_s < 5.0) | (q.time_s > 6.0)
     gaps = replace(q, time_s=q.time_s[kept], values=q.values[kept])
-    found = flight_quality(SeenFlight(changed(flight, q=gaps), prepare(flight, VEHICLE), VEHICLE, 0.0))
+    found = flight_quality(SeenFlight(changed(flight, q=gaps), prepare(flight, VEHICLE), VEHICLE, 0.0, False))
     (reason,) = found.reasons
     assert reason.verdict == CARE
     # A second of the twenty that the flight lasts, and one gap.
