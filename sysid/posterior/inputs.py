@@ -31,6 +31,8 @@ _LOOP_INTERVAL_S = 0.024
 _STEPPING = 0.5
 # A change counts as rounding up to so many of the smallest, where that is smaller than this share of its range.
 _ROUNDING, _FINE = 2.5, 0.05
+# Share of its range below which a change is one of the last digit of a number.
+_NO_CHANGE = 1e-9
 # From so long before a grid on a servo runs, s.
 _SERVO_LEAD_S = 0.5
 # Step at which a vane's swinging is integrated, s.
@@ -152,6 +154,7 @@ def _travel_in_steps(values: Array) -> tuple[float, float]:
     A stick that moves within some samples is none, though in whole microseconds most samples repeat the one before.
     """
     change = np.abs(np.diff(values))
+    change[change < _NO_CHANGE * np.ptp(values)] = 0.0
     if not change.any():
         return 0.0, 0.0
     least = float(np.min(change[change > 0.0]))
