@@ -61,7 +61,7 @@ class BodyLimit:
         """HTTP 503 where as many large bodies come as are taken at a time."""
         if self._places == 0:
             detail = f"{_MOST_PLACES} other large requests are being worked on; send this one again in a moment"
-            raise HTTPException(503, detail, {**LATER, "Connection": "close"})
+            raise HTTPException(503, detail, LATER)
         self._places -= 1
 
     def leave_place(self) -> None:
@@ -90,7 +90,7 @@ class _Body:
         """HTTP 413 or 503 for a body of `size` bytes that is not taken."""
         if size > self._most:
             detail = f"the body is larger than {size_text(self._most)}, the most that is taken here"
-            raise HTTPException(413, detail, {"Connection": "close"})
+            raise HTTPException(413, detail)
         if size > MOST_BYTES and not self._has_place:
             self._limit.take_place()
             self._has_place = True

@@ -7,10 +7,12 @@ import logging
 import math
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 import h11
-from uvicorn.protocols.http.flow_control import FlowControl
+from starlette.types import Message, Receive, Scope, Send
+from uvicorn.protocols.http.flow_control import CLOSE_HEADER, FlowControl
 from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
 
 from gcs.links.link import readable
@@ -28,8 +30,8 @@ UNREAD_S = 60.0
 _SLICE = 2048
 # What frames the chunks of a body may be so many bytes, and this share of what they hold: they hold 48 bytes or more.
 _MOST_FRAMING, _FRAMING_SHARE = 2048, 1 / 8
-# What is left of a body when its answer is complete is read where it is no longer than this.
-_MOST_LEFT = 64_000
+# What is left of a body when it is answered is read up to this, and else thrown away for so long, s.
+_MOST_LEFT, LINGER_S = 64_000, 2.0
 # So many of those that have waited longest are looked at for one to end.
 _LOOKED_AT = 64
 # The log says that there are too many once in so long, s.
@@ -57,22 +59,23 @@ class BoundedProtocol(H11Protocol):
     answer to be read. So is every one whose client sends nothing for `patience_s` where it is to send, or reads nothing
     for `unread_s`. An answer that is read takes as long as it takes: a stream of events ends with its client.
 
-    Chunks of a body are read a few at a time, and a body of tiny ones ends its connection. So does a long one that was
-    answered before all of it came: the rest is thrown away until the client has had time to read the answer.
+    Chunks of a body are read a few at a time, and a body of tiny ones ends its connection. So does a long one that is
+    answered before all of it came: the rest is thrown away for `linger_s`, in which the client can read the answer.
     """
 
-    most, patience_s, unread_s = MOST, PATIENCE_S, UNREAD_S
+    most, patience_s, unread_s, linger_s = MOST, PATIENCE_S, UNREAD_S, LINGER_S
     _warned = -math.inf
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Take in the connection, at the expense of the longest idle one where there are too many."""
         super().connection_made(transport)
+        self.app = self._answer  # type: ignore[assignment]
         self.flow = _Flow(transport, self._go_on)
         self._rest = bytearray()
         self._next: asyncio.Handle | None = None
         self._counted: RequestResponseCycle | None = None
         self._framing = self._held = 0
-        self._over = False
+        self._over, self._lost = False, asyncio.Event()
         self._heard = time.monotonic()
         self._timer: asyncio.TimerHandle | None = None
         self._unread: asyncio.TimerHandle | None = None
@@ -95,6 +98,7 @@ class BoundedProtocol(H11Protocol):
         self._cancel()
         self._cancel_unread()
         self._drop_rest()
+        self._lost.set()
         super().connection_lost(exc)
 
     def pause_writing(self) -> None:
@@ -120,16 +124,29 @@ class BoundedProtocol(H11Protocol):
         else:
             self.transport.pause_reading()
 
-    def on_response_complete(self) -> None:
-        """Read no more of a long body that nobody waits for; the connection ends as one that is kept alive does."""
-        in_body = self.conn.their_state is h11.SEND_BODY
-        self._over = in_body and (self._in_chunks or self._declared > _MOST_LEFT)
-        super().on_response_complete()
-        if self._over:
-            self._drop_rest()
-            if self.transport.can_write_eof() and not self.transport.is_closing():
-                self.transport.write_eof()
-            self.transport.resume_reading()
+    async def _answer(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Have the application answer; of a long body that it does not wait for no more is read."""
+
+        async def sent(message: Message) -> None:
+            if message["type"] == "http.response.start" and self._is_long:
+                self._over = True
+                self._drop_rest()
+                self.transport.resume_reading()
+                message = {**message, "headers": [*message.get("headers", ()), CLOSE_HEADER]}
+            last = message["type"] == "http.response.body" and not message.get("more_body", False)
+            if last and self._over:  # who is cut off while it sends may not see the answer
+                await send({**message, "more_body": True})
+                with suppress(TimeoutError):
+                    await asyncio.wait_for(self._lost.wait(), self.linger_s)
+                message = {"type": "http.response.body", "body": b""}
+            await send(message)
+
+        await self.config.loaded_app(scope, receive, sent)
+
+    @property
+    def _is_long(self) -> bool:
+        """Whether much of the body may be still to come."""
+        return self.conn.their_state is h11.SEND_BODY and (self._in_chunks or self._declared > _MOST_LEFT)
 
     @property
     def _in_chunks(self) -> bool:
@@ -218,7 +235,9 @@ class BoundedProtocol(H11Protocol):
             self._timer = None
 
 
-def limited(most: int = MOST, patience_s: float = PATIENCE_S, unread_s: float = UNREAD_S) -> type[BoundedProtocol]:
+def limited(
+    most: int = MOST, patience_s: float = PATIENCE_S, unread_s: float = UNREAD_S, linger_s: float = LINGER_S
+) -> type[BoundedProtocol]:
     """The protocol with other limits."""
-    limits: dict[str, Any] = {"most": most, "patience_s": patience_s, "unread_s": unread_s}
+    limits: dict[str, Any] = {"most": most, "patience_s": patience_s, "unread_s": unread_s, "linger_s": linger_s}
     return type("LimitedProtocol", (BoundedProtocol,), limits)

@@ -396,11 +396,15 @@ def test_what_is_left_of_a_body_after_its_answer_is_not_read(
         receive(connection, data)
 
     monkeypatch.setattr(h11.Connection, "receive_data", counted)
-    with serving(bench.app) as client:
+    with serving(bench.app, limited(linger_s=0.3)) as client:
         for length in ("Transfer-Encoding: chunked", "Content-Length: 10000000"):
             with connect(client) as connection:
                 connection.sendall(head("/api/flights", length))
-                assert connection.recv(100).startswith(b"HTTP/1.1 401")
+                said = b""
+                while b"send a token" not in said:
+                    said += connection.recv(1000)
+                assert said.startswith(b"HTTP/1.1 401")
+                assert b"connection: close" in said
                 read = 0
                 with contextlib.suppress(ConnectionError):
                     for _ in range(100):
@@ -423,3 +427,11 @@ def test_an_aircraft_whose_key_has_49000_dots_is_said_to_be_none(client: httpx.C
         said = client.post("/api/vehicles/check", json=draft).json()["problem"]
         assert said == "vehicle file: is not a vehicle file: a key has more than 8 dots in line 1; take that out"
         assert said == problem(client.post("/api/vehicles", json=draft), 422)
+
+
+def test_a_text_of_which_each_line_takes_longer_than_the_last_is_refused_before_a_form_is_put_into_it(
+    client: httpx.Client,
+) -> None:
+    text = "[zz]\n" + "\n".join(f"a.b.c.d{number} = 1" for number in range(999))
+    said = client.post("/api/vehicles/check", json={"toml": text, "form": {"name": "a"}}).json()["problem"]
+    assert "more than 50 keys have dots in line 52" in said
