@@ -69,7 +69,7 @@ class BoundedProtocol(H11Protocol):
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Take in the connection, at the expense of the longest idle one where there are too many."""
         super().connection_made(transport)
-        self.app = self._answer  # type: ignore[assignment]
+        self.app = self._answer
         self.flow = _Flow(transport, self._go_on)
         self._rest = bytearray()
         self._next: asyncio.Handle | None = None
