@@ -53,8 +53,8 @@ _DESCRIPTORS = 8192
 
 
 def _tidy(settings: Settings) -> None:
-    """Remove the folders of uploads and jobs that a service which was killed left behind."""
-    folders = [*settings.data.glob("upload-*"), *settings.views.glob("reading-*")]
+    """Remove the folders of uploads, drafts and jobs that a service which was killed left behind."""
+    folders = [*settings.data.glob("upload-*"), *settings.data.glob("draft-*"), *settings.views.glob("reading-*")]
     folders += [*(settings.jobs.iterdir() if settings.jobs.is_dir() else ())]
     for folder in folders:
         if folder.is_dir() and not folder.is_symlink():

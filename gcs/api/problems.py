@@ -49,7 +49,9 @@ _STATUS: tuple[tuple[type[Exception], int], ...] = (
     (SimVehicleError, 422),
 )
 # When to come again where others are served, s.
-_LATER = {"Retry-After": "30"}
+LATER = {"Retry-After": "30"}
+# So many of the keys that nobody knows are named in an error, each in so many characters.
+_MOST_NAMED, _LONGEST_NAME = 10, 100
 _AN_OBJECT = "send a JSON object{example}, with the header Content-Type: application/json"
 
 
@@ -65,7 +67,7 @@ def problem_response(
 
 def _named(request: Request, error: Exception) -> Response:
     status = next(status for kind, status in _STATUS if isinstance(error, kind))
-    return problem_response(status, str(error), _LATER if isinstance(error, BusyError) else None)
+    return problem_response(status, str(error), LATER if isinstance(error, BusyError) else None)
 
 
 def _http(request: Request, error: Exception) -> Response:
@@ -93,7 +95,7 @@ def _an_object(request: Request) -> str:
 def _in_words(request: Request, errors: Sequence[Mapping[str, Any]]) -> str:
     """What is wrong with a request, and what to send instead."""
     first = errors[0]
-    where = ".".join(str(part) for part in first["loc"][1:]) or str(first["loc"][0])
+    where = ".".join(str(part)[:_LONGEST_NAME] for part in first["loc"][1:]) or str(first["loc"][0])
     if first["type"] == "json_invalid":
         return f"the body is no JSON ({first['ctx']['error']}, at character {where}); {_an_object(request)}"
     if first["type"] == "value_error":
@@ -101,14 +103,16 @@ def _in_words(request: Request, errors: Sequence[Mapping[str, Any]]) -> str:
     if first["loc"] == ("body",):
         # Without its content type, JSON counts as text.
         return f"the body is missing or no JSON object; {_an_object(request)}"
-    unknown = [str(one["loc"][-1]) for one in errors if one["type"] == "extra_forbidden"]
+    unknown = [str(one["loc"][-1])[:_LONGEST_NAME] for one in errors if one["type"] == "extra_forbidden"]
+    more = f" and {len(unknown) - _MOST_NAMED} more" if len(unknown) > _MOST_NAMED else ""
+    named = ", ".join(unknown[:_MOST_NAMED]) + more
     if unknown and not _is_of_a_job(request):
-        return f"{', '.join(unknown)}: no such key here; GET /docs lists those there are"
+        return f"{named}: no such key here; GET /docs lists those there are"
     if unknown:
         known = ["kind", *(field.alias or name for name, field in JobChanges.model_fields.items())]
         near = difflib.get_close_matches(unknown[0], known, 1)
         hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(known)}"
-        return f"{', '.join(unknown)}: no such key in a job; {hint}"
+        return f"{named}: no such key in a job; {hint}"
     return f"{where} is missing" if first["type"] == "missing" else f"{where}: {first['msg']}"
 
 

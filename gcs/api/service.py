@@ -12,6 +12,7 @@ from fastapi import Depends, Request
 from gcs.api.last_minute import LastMinute
 from gcs.catalogue.store import Catalogue
 from gcs.formats.map_tiles import MapTiles
+from gcs.jobs.drafts import Drafts
 from gcs.jobs.flightviews import FlightViews
 from gcs.jobs.reports import Reports
 from gcs.jobs.runner import JobRunner
@@ -46,6 +47,7 @@ class Service:
     live: LiveFeed
     views: FlightViews
     uploads: Uploads = field(init=False)
+    drafts: Drafts = field(init=False)
     reports: Reports = field(default_factory=Reports)
     minute: LastMinute = field(default_factory=LastMinute)
     following: int = 0
@@ -54,12 +56,14 @@ class Service:
 
     def __post_init__(self) -> None:
         self.uploads = Uploads(self.settings, self.catalogue)
+        self.drafts = Drafts(self.settings)
         self.map = None if self.settings.map is None else MapTiles(self.settings.map)
 
     def stop(self) -> None:
         """Let nobody wait any longer for a file that comes or is read. To be called in the loop of events."""
         self.stopping.set()
         self.uploads.close()
+        self.drafts.close()
         self.views.close()
 
 

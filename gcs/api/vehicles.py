@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import threading
 from typing import Any
 
 from fastapi import APIRouter
 from fastapi.responses import Response
 
 from gcs.api.schemas.problem import Problem
-from gcs.api.service import Serving
+from gcs.api.service import Service, Serving
 from gcs.api.vehicle_schemas import (
     EstimateView,
     FigureView,
@@ -23,10 +22,10 @@ from gcs.api.vehicle_schemas import (
     VehicleView,
 )
 from gcs.catalogue.aircraft_rule import STATION
-from gcs.errors import BusyError, VehicleError
+from gcs.errors import VehicleError
 from gcs.text.intervals import of_the_flight
 from gcs.text.utctext import utc_text
-from gcs.vehicles.document import answers_of, with_answers
+from gcs.vehicles.document import answers_of
 from gcs.vehicles.figures import figures
 from gcs.vehicles.inertia import by_bifilar, by_swing, period, ruler, scale
 from gcs.vehicles.shelf import Shelved, read_text
@@ -40,21 +39,14 @@ router = APIRouter(prefix="/api/vehicles", tags=["aircraft"])
 _PROBLEM = {"model": Problem}
 _MISSING: dict[int | str, dict[str, Any]] = {404: _PROBLEM, 409: _PROBLEM, 422: _PROBLEM, 503: _PROBLEM}
 _REFUSED: dict[int | str, dict[str, Any]] = {409: _PROBLEM, 422: _PROBLEM, 503: _PROBLEM}
-# Texts into which a form is put at a time.
-_PLACES = threading.BoundedSemaphore(2)
 
 
-def _text(draft: VehicleDraft, before: str = "") -> str:
-    """The text that a draft makes; a form alone is put into what was there before. BusyError while others do."""
+def _text(service: Service, draft: VehicleDraft, before: str = "") -> str:
+    """The text that a draft makes; a form alone is put into what was there before."""
     text = before if draft.toml is None else draft.toml
     if draft.form is None:
         return text
-    if not _PLACES.acquire(blocking=False):  # a large text takes seconds of the processor
-        raise BusyError("other aircraft are being described; ask again in a moment")
-    try:
-        return with_answers(text, draft.form.answers())
-    finally:
-        _PLACES.release()
+    return service.drafts.filled(text, draft.form.answers())
 
 
 def _reading(text: str, vehicle: Vehicle) -> VehicleReading:
@@ -94,15 +86,15 @@ def vehicles(service: Serving) -> list[VehicleItem]:
 @router.post("", status_code=201, responses=_REFUSED)
 def add(service: Serving, draft: VehicleDraft) -> VehicleItem:
     """A new aircraft; its id is made of its name. What it is like, POST /api/vehicles/check says beforehand."""
-    return _item(service.jobs.choice.shelf.add(_text(draft)))
+    return _item(service.jobs.choice.shelf.add(_text(service, draft)))
 
 
 @router.post("/check", responses=_REFUSED)
-def check(draft: VehicleDraft) -> VehicleReading:
+def check(service: Serving, draft: VehicleDraft) -> VehicleReading:
     """What a description says, and what is wrong with it; nothing is kept."""
     text = draft.toml or ""
     try:
-        text = _text(draft)
+        text = _text(service, draft)
         return _reading(text, read_text(text))
     except (VehicleFileError, VehicleError) as error:
         return VehicleReading(
@@ -139,7 +131,7 @@ def vehicle(service: Serving, vehicle_id: str) -> VehicleView:
 def change(service: Serving, vehicle_id: str, draft: VehicleDraft) -> VehicleItem:
     """A new version of an aircraft. Flights keep the one that they were identified with."""
     shelf = service.jobs.choice.shelf
-    text = _text(draft, shelf.get(vehicle_id).text)
+    text = _text(service, draft, shelf.get(vehicle_id).text)
     return _item(shelf.change(vehicle_id, text))
 
 

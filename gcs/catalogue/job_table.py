@@ -14,6 +14,18 @@ from gcs.text.jsontext import dumps
 
 _MAX_ATTEMPTS = 2
 _MAX_LOG_LINES = 1000
+# Jobs of a flight that are listed.
+_MOST_LISTED = 50
+_MODEL_FIELDS = ("model", "structure", "prior")
+# A request in which models that came with it are their names alone; their text is not even read here.
+_WITHOUT_MODELS = "json_replace(request, {})".format(
+    ", ".join(
+        f"'$.{key}', json(CASE json_type(request, '$.{key}') WHEN 'object'"
+        f" THEN json_object('name', json_extract(request, '$.{key}.name'))"
+        f" ELSE json_quote(json_extract(request, '$.{key}')) END)"
+        for key in _MODEL_FIELDS
+    )
+)
 BY_STATION, BY_PERSON = 0, 1
 
 
@@ -74,9 +86,23 @@ class JobTable(Database):
         return _job(rows[0], [row["line"] for row in lines])
 
     def jobs_of(self, flight_id: str) -> list[Job]:
-        """Jobs of a flight, newest first, without their logs."""
-        rows = self._rows("SELECT * FROM jobs WHERE flight_id = ? ORDER BY number DESC", flight_id)
+        """The newest 50 jobs of a flight, newest first, without their logs, and without models but for their names."""
+        rows = self._rows(
+            f"SELECT *, {_WITHOUT_MODELS} AS shown FROM jobs WHERE flight_id = ? ORDER BY number DESC LIMIT ?",
+            flight_id,
+            _MOST_LISTED,
+        )
         return [_job(row, []) for row in rows]
+
+    def fruitless_jobs(self, flight_id: str) -> int:
+        """How many jobs of a flight that people asked for are over and came to nothing."""
+        rows = self._rows(
+            "SELECT count(*) AS n FROM jobs WHERE flight_id = ? AND priority = ? AND state NOT IN"
+            " ('queued', 'running', 'done')",
+            flight_id,
+            BY_PERSON,
+        )
+        return int(rows[0]["n"])
 
     def take_job(self) -> Job | None:
         """Turn the oldest queued job into a running one, a person's before those that the station queued itself."""
@@ -202,5 +228,5 @@ class JobTable(Database):
 
 def _job(row: sqlite3.Row, log: list[str]) -> Job:
     columns = {key: row[key] for key in row.keys() if key != "number"}  # noqa: SIM118 - a Row iterates its values
-    columns["request"] = json.loads(columns["request"])
+    columns["request"] = json.loads(columns.pop("shown", columns["request"]))
     return Job(**columns, log=log)

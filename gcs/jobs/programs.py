@@ -39,6 +39,7 @@ _LOADED = (
     "gcs.jobs.worker",
     "gcs.live.worker",
     "sysid.identification.posterior_method",
+    "gcs.vehicles.formworker",
     "gcs.jobs.compiled",
 )
 # From the end of a process to its exit code, s.

@@ -27,6 +27,7 @@ from gcs.jobs.limits import memory_limit
 from gcs.jobs.programs import Program, begin
 from gcs.settings import Settings
 from gcs.text.jsontext import dumps
+from gcs.text.sizes import size_text
 from gcs.vehicles.choice import Chosen, VehicleChoice
 from gcs.vehicles.shelf import VehicleShelf
 from sim_vehicle.effects import effect_called
@@ -42,6 +43,8 @@ _STOP_TIMEOUT_S = 5.0
 # The longest flights take minutes; what takes longer never ends.
 _LONGEST_S = 7200.0
 _RETRY_S = 5.0
+# Of what a job is asked for, models included; and jobs of a flight that came to nothing.
+_LONGEST_REQUEST, _MOST_FRUITLESS = 256_000, 100
 # Beyond so many no more are queued: a person hears of it, a flight can be identified from its page later.
 _MOST_QUEUED = {BY_PERSON: 100, BY_STATION: 50}
 
@@ -142,6 +145,8 @@ class JobRunner:
             raise QueueFullError(
                 f"{_MOST_QUEUED[priority]} jobs wait already; cancel some, or ask again when they are done"
             )
+        if priority == BY_PERSON:
+            self._check_growth(flight_id, request)
         notes = [self._puts_aside(flight_id, kind, request)]
         chosen = self._chosen(flight_id, request)
         if chosen.vehicle.id != STATION:  # kept with the version it has now, whatever becomes of it
@@ -183,6 +188,17 @@ class JobRunner:
         self._recordings(flight_id)
         if flight.system is None:
             raise JobError(f"flight {flight_id} holds no message of a vehicle; choose another")
+
+    def _check_growth(self, flight_id: str, request: dict[str, Any]) -> None:
+        """Raises JobError where people keep more of a flight's jobs than anybody looks at."""
+        if len(dumps(request)) > _LONGEST_REQUEST:
+            raise JobError(
+                f"a job's models and settings may take {size_text(_LONGEST_REQUEST)}; name models by their ids"
+            )
+        if self._catalogue.fruitless_jobs(flight_id) >= _MOST_FRUITLESS:
+            raise JobError(
+                f"{_MOST_FRUITLESS} jobs of flight {flight_id} came to nothing; delete some (DELETE /api/jobs/ID)"
+            )
 
     def aircraft_of(self, job: Job) -> Vehicle:
         """The aircraft that a job was for. Raises CatalogueError, VehicleError, VehicleFileError."""

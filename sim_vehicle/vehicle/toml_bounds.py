@@ -7,7 +7,7 @@ import re
 from sim_vehicle.errors import VehicleFileError
 
 # Far beyond what any aircraft needs. Dots: of one key; and so many keys may have any.
-_MOST_LINES, _MOST_DOTS, _MOST_DOTTED, _DEEPEST = 20_000, 8, 1000, 32
+_MOST_LINES, _MOST_DOTS, _MOST_DOTTED, _DEEPEST = 20_000, 8, 50, 32
 # Remarks and texts, which may hold anything, and what counts. The end of a text is not demanded: nothing is looked at
 # twice. Of the three quotes that end one two more may belong to it.
 _PART = re.compile(

@@ -366,6 +366,78 @@ def malformed(target: Target) -> None:
             target.ask(method, path, **given)
 
 
+def held_bodies(target: Target) -> None:
+    """200 bodies of as much JSON as is taken, all but their last byte, which then comes of all at once."""
+    for most, parts in ((4_000_000, 33_000), (255_000, 6000), (63_000, 1500)):
+        body = b'{"toml": "", "form": {"x": [' + parts * b"{}," + b'{}], "pad": "'
+        body += (most - len(body)) * b"x" + b'"}}'
+        head = f"POST /api/vehicles/check HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: {len(body)}\r\n"
+        head += "Content-Type: application/json\r\nConnection: close\r\n\r\n"
+        with ExitStack() as held:
+            waiting = []
+            for _ in range(200):
+                one = held.enter_context(socket.create_connection(target.address, timeout=30.0))
+                with contextlib.suppress(OSError):
+                    one.sendall(head.encode() + body[:-1])
+                waiting.append(one)
+            for one in waiting:
+                with contextlib.suppress(OSError):
+                    one.sendall(body[-1:])
+            for one in waiting:
+                with contextlib.suppress(OSError):
+                    target.answers[one.recv(100).split()[1].decode()] += 1
+
+
+def tiny_chunks(target: Target) -> None:
+    """Bodies of a token in chunks of a byte, from 40 connections at a time."""
+    head = b"POST /api/login HTTP/1.1\r\nHost: 127.0.0.1\r\nTransfer-Encoding: chunked\r\n\r\n"
+    request = head + 50_000 * b"1\r\n \r\n"
+
+    def send() -> None:
+        for _ in target.until_over(0.05):
+            with contextlib.suppress(OSError), socket.create_connection(target.address, timeout=20.0) as sock:
+                sock.sendall(request)
+                sock.recv(100)
+
+    senders = [threading.Thread(target=send) for _ in range(40)]
+    for one in senders:
+        one.start()
+    for one in senders:
+        one.join()
+
+
+def slow_texts(target: Target) -> None:
+    """Texts of vehicle files that take long to put a form into."""
+    form = {"name": "x", "numbers": {"mass_kg": 1.0}}
+    texts = [
+        "[zz]\n" + "\n".join(f"a.b.c.d{number} = 1" for number in range(999)),
+        "\n".join(f"[a.b.c{number}]" for number in range(7000)),
+        "z = [" + 45_000 * "1," + "]",
+    ]
+    with ThreadPoolExecutor(10) as pool:
+        for _ in target.until_over(0.0):
+            asked = [pool.submit(target.ask, "POST", "/api/vehicles/check", json={"toml": one, "form": form})
+                     for one in texts for _ in range(5)]  # fmt: skip
+            for one in asked:
+                one.result()
+
+
+def cancelled_jobs(target: Target) -> None:
+    """Jobs with as large a model as is taken, each cancelled for the next; then the flight's summary, 40 at a time."""
+    flight = target.flown()
+    coefficients = {"CL_0": {"value": 0.25}}
+    validity = {f"{number}{185 * 'v'}": [0.0, 1.0] for number in range(1100)}
+    model = {"schema": "model/1", "name": "large", "coefficients": coefficients, "effects": [], "validity": validity}
+    for _ in target.until_over(0.0):
+        asked = {"kind": "identify", "prior": model}
+        answer = httpx.post(f"{target.url}/api/flights/{flight}/jobs", json=asked, timeout=60.0)
+        target.answers[str(answer.status_code)] += 1
+        if answer.status_code == 202:
+            target.ask("POST", f"/api/jobs/{answer.json()['id']}/cancel")
+    with ThreadPoolExecutor(40) as pool:
+        list(pool.map(lambda _: target.ask("GET", f"/api/flights/{flight}"), range(200)))
+
+
 ATTACKS: dict[str, Callable[[Target], None]] = {
     "none": nothing,
     "idle-connections": idle_connections,
@@ -385,4 +457,8 @@ ATTACKS: dict[str, Callable[[Target], None]] = {
     "large-bodies": large_bodies,
     "600-jobs": many_jobs,
     "malformed": malformed,
+    "held-bodies": held_bodies,
+    "tiny-chunks": tiny_chunks,
+    "slow-texts": slow_texts,
+    "cancelled-jobs": cancelled_jobs,
 }

@@ -128,7 +128,7 @@ class FlightSummary(FlightItem):
     modes: list[ModeView] = Field(description="Modes of the autopilot, one after the other")
     texts: list[TextView] = Field(description="What the vehicle said and what was noted")
     warnings: list[str]
-    jobs: list[JobView]
+    jobs: list[JobView] = Field(description="The newest 50; of a model that came with one its name alone")
     aircraft: ChosenVehicle
     used: list[FlightPart] = Field(description="Parts that the newest identification was made from")
     ground: list[FlightItem] = Field(description="What was recorded on the ground behind it, before the next flight")

@@ -2,11 +2,36 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from gcs.analysis.flight_part import part_problem
+
+# Names, ids and reasons of models and jobs; and coefficients of a model.
+_LONGEST_TEXT, _MOST_COEFFICIENTS = 200, 500
+
+
+def _bounded(value: str | dict[str, Any]) -> str | dict[str, Any]:
+    """ValueError for a model of longer texts, or of more coefficients, than any has."""
+    if isinstance(value, dict):
+        coefficients = value.get("coefficients")
+        if isinstance(coefficients, dict) and len(coefficients) > _MOST_COEFFICIENTS:
+            raise ValueError(f"a model has at most {_MOST_COEFFICIENTS} coefficients; this one has {len(coefficients)}")
+    left: list[Any] = [value]
+    while left:
+        one = left.pop()
+        if isinstance(one, str) and len(one) > _LONGEST_TEXT:
+            raise ValueError(f"{one[:20]}… has {len(one)} characters; one of a model has at most {_LONGEST_TEXT}")
+        if isinstance(one, dict):
+            left += [*one, *one.values()]
+        elif isinstance(one, list):
+            left += one
+    return value
+
+
+_Model = Annotated[str | dict[str, Any], AfterValidator(_bounded)]
+_Name = Annotated[str, Field(max_length=_LONGEST_TEXT)]
 
 
 class JobView(BaseModel):
@@ -47,16 +72,16 @@ class JobChanges(BaseModel):
 
     model_config = ConfigDict(extra="forbid", populate_by_name=True)
 
-    model: str | dict[str, Any] | None = Field(None, description="The model to be judged; discrepancy needs it")
-    structure: str | dict[str, Any] | None = None
-    prior: str | dict[str, Any] | None = None
-    validate_: list[str] = Field(
+    model: _Model | None = Field(None, description="The model to be judged; discrepancy needs it")
+    structure: _Model | None = None
+    prior: _Model | None = None
+    validate_: list[_Name] = Field(
         default_factory=list, alias="validate", max_length=50, description="Ids of flights to judge the result on"
     )
-    rule_out: list[str] = Field(
+    rule_out: list[_Name] = Field(
         default_factory=list, max_length=50, description="Effects that a test on the ground has shown not to be there"
     )
-    as_recorded: list[str] = Field(
+    as_recorded: list[_Name] = Field(
         default_factory=list, max_length=50, description="Signals that are right as recorded, whatever seems"
     )
     method: Literal["auto", "map", "ee", "oe", "fe"] = "auto"
@@ -67,7 +92,7 @@ class JobChanges(BaseModel):
         None, max_length=80, description="An aircraft of the station, id or id@version; without it the flight's own"
     )
 
-    manoeuvres: list[str] = Field(
+    manoeuvres: list[_Name] = Field(
         default_factory=list, max_length=20, description="Of a design; without them a multisine on all surfaces, tuned"
     )
     duration: float | None = Field(None, ge=4, le=3600, description="Of a design, s")

@@ -215,3 +215,63 @@ def test_what_a_plan_promised_stands_beside_what_the_flight_gave(bench: Bench, c
     with bench.catalogue._transaction() as db:  # a plan of another aircraft
         db.execute("UPDATE jobs SET request = ? WHERE kind = 'design'", ('{"vehicle": "thor@1"}',))
     assert late in problem(client.get(f"/api/flights/{after}/planned"), 404)
+
+
+MODEL = {"schema": "model/1", "name": "mine", "coefficients": {"CL_0": {"value": 0.25}}, "effects": []}
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"prior": {**MODEL, "name": 201 * "N"}}, "NNNNNNNNNNNNNNNNNNNN… has 201 characters"),
+        ({"prior": {**MODEL, "validity": {201 * "v": [0, 1]}}}, "vvvvvvvvvvvvvvvvvvvv… has 201 characters"),
+        ({"structure": 201 * "s"}, "has 201 characters"),
+        ({"prior": {**MODEL, "coefficients": {f"C{n}": {} for n in range(501)}}}, "at most 500 coefficients"),
+        ({"as_recorded": [201 * "s"]}, "at most 200 characters"),
+    ],
+)
+def test_a_model_of_longer_texts_than_any_has_is_refused(
+    bench: Bench, client: httpx.Client, given: dict[str, object], said: str
+) -> None:
+    flight = bench.record(1, 1, START)
+    assert said in problem(client.post(f"/api/flights/{flight}/jobs", json={"kind": "identify", **given}), 422)
+    assert client.get(f"/api/flights/{flight}").json()["jobs"] == []
+
+
+def test_models_that_came_with_jobs_are_named_in_a_summary_and_whole_in_the_job(
+    bench: Bench, client: httpx.Client
+) -> None:
+    flight = bench.record(1, 1, START)
+    asked = {"kind": "identify", "prior": MODEL, "structure": {**MODEL, "name": "other"}}
+    job = client.post(f"/api/flights/{flight}/jobs", json=asked).json()["id"]
+    wait_until(lambda: client.get(f"/api/jobs/{job}").json()["state"] == "done")
+    second = client.post(f"/api/flights/{flight}/jobs", json={"kind": "identify", "prior": job}).json()["id"]
+    newest, oldest = (one["request"] for one in client.get(f"/api/flights/{flight}").json()["jobs"])
+    assert client.get(f"/api/jobs/{second}").json()["request"]["prior"] == newest["prior"] == job
+    assert (oldest["prior"], oldest["structure"]) == ({"name": "mine"}, {"name": "other"})
+    assert "model" not in oldest
+    assert client.get(f"/api/jobs/{job}").json()["request"]["prior"] == MODEL
+
+
+def test_what_is_cancelled_and_asked_for_again_does_not_grow_without_end(bench: Bench, client: httpx.Client) -> None:
+    flight, other = bench.record(1, 1, START), bench.record(1, 1, START + 60 * SECOND)
+    made = [bench.catalogue.add_job(flight, "discrepancy", {"kind": "discrepancy"}) for _ in range(100)]
+    for one in made:
+        bench.catalogue.cancel_job(one.id)
+    assert len(client.get(f"/api/flights/{flight}").json()["jobs"]) == 50
+    wanted = {"kind": "identify"}
+    said = problem(client.post(f"/api/flights/{flight}/jobs", json=wanted), 409)
+    assert "100 jobs of flight" in said
+    assert client.post(f"/api/flights/{other}/jobs", json=wanted).status_code == 202
+    client.delete(f"/api/jobs/{made[0].id}").raise_for_status()
+    assert client.post(f"/api/flights/{flight}/jobs", json=wanted).status_code == 202
+
+
+def test_a_job_done_again_with_one_large_model_after_another_stays_small(bench: Bench, client: httpx.Client) -> None:
+    flight = bench.record(1, 1, START)
+    large = {**MODEL, "validity": {f"{n}{190 * 'v'}": [0.0, 1.0] for n in range(700)}}
+    asked = {"kind": "identify", "prior": large}
+    job = client.post(f"/api/flights/{flight}/jobs", json=asked)
+    assert job.status_code == 202
+    again = client.post(f"/api/jobs/{job.json()['id']}/rerun", json={"structure": large})
+    assert "may take 256 kB" in problem(again, 409)

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 
+import h11
 import httpx
 import pytest
 from api_bench import START, Bench, problem
@@ -23,6 +24,7 @@ from serving import serving
 from traffic import wait_until
 
 from gcs.api import live
+from gcs.api.bodies import BodyLimit
 from gcs.api.connections import limited
 from gcs.jobs.uploads import Uploads
 from gcs.recording.storage import StorageOptions
@@ -100,7 +102,7 @@ def test_a_body_larger_than_any_model_is_refused_while_it_comes(client: httpx.Cl
     large = b'{"kind": "identify", "prior": {"x": "' + 5_000_000 * b"x" + b'"}}'
     body = large if declared else (large[i : i + 65536] for i in range(0, len(large), 65536))
     answer = client.post("/api/flights/x/jobs", content=body, headers={"Content-Type": "application/json"})
-    assert "larger than 4 MB" in problem(answer, 413)
+    assert "larger than 256 kB" in problem(answer, 413)
 
 
 def test_names_that_are_no_hosts_are_said_to_be_none(client: httpx.Client) -> None:
@@ -275,12 +277,12 @@ def test_who_logs_in_sends_a_token_and_no_more(client: httpx.Client) -> None:
 @pytest.mark.parametrize(
     ("body", "status", "said"),
     [
-        (b'{"prior": [' + 1_000_000 * b"{}," + b"{}]}", 413, "more than 100000 values and brackets"),
-        (b"[" + 1_900_000 * b"1," + b"1]", 413, "more than 100000 values and brackets"),
-        (b'"\\"", ' + 1_000_000 * b"[],", 413, "more than 100000 values and brackets"),
-        (1_900_000 * b'"', 413, "more than 100000 values and brackets"),
+        (b'{"prior": [' + 80_000 * b"{}," + b"{}]}", 413, "more than 20000 values and brackets"),
+        (b"[" + 120_000 * b"1," + b"1]", 413, "more than 20000 values and brackets"),
+        (b'"\\"", ' + 80_000 * b"[],", 413, "more than 20000 values and brackets"),
+        (250_000 * b'"', 413, "more than 20000 values and brackets"),
         (1000 * b"[" + 1000 * b"]", 422, "nested more than 64 deep"),
-        (('["\u2200", ' + 300_000 * "{}," + "{}]").encode("utf-16"), 422, "no JSON in UTF-8"),
+        (('["\u2200", ' + 30_000 * "{}," + "{}]").encode("utf-16"), 422, "no JSON in UTF-8"),
     ],
 )
 def test_json_of_more_parts_than_anybody_has_to_say_is_refused_unread(
@@ -293,9 +295,130 @@ def test_json_of_more_parts_than_anybody_has_to_say_is_refused_unread(
 
 
 def test_brackets_in_texts_are_none(client: httpx.Client) -> None:
-    body = b'{"kind": "identify", "prior": "' + 200_000 * b'[{,\\"' + b'"}'
-    answer = client.post("/api/flights/x/jobs", content=body, headers={"Content-Type": "application/json"})
-    assert "no flight" in problem(answer, 404)
+    body = b'{"toml": "# ' + 24_000 * b'[{,\\"' + b'"}'
+    answer = client.post("/api/vehicles/check", content=body, headers={"Content-Type": "application/json"})
+    assert answer.status_code == 200
+
+
+def head(path: str, *lines: str) -> bytes:
+    """The beginning of a request with a body of JSON."""
+    first = (f"POST {path} HTTP/1.1", "Host: localhost", "Content-Type: application/json", *lines)
+    return "\r\n".join((*first, "", "")).encode()
+
+
+def answer_to(connection: socket.socket) -> bytes:
+    """All that the service says until it ends the connection."""
+    said = b""
+    with contextlib.suppress(ConnectionError):
+        while data := connection.recv(1 << 16):
+            said += data
+    return said
+
+
+def test_large_bodies_have_so_many_places_which_are_free_once_they_are_left(client: httpx.Client) -> None:
+    body = b'{"toml": "' + 70_000 * b"#" + b'"}'
+    with ExitStack() as held:
+        waiting = []
+        for _ in range(4):
+            one = held.enter_context(connect(client))
+            one.sendall(head("/api/vehicles/check", f"Content-Length: {len(body)}", "Expect: 100-continue"))
+            assert one.recv(100).startswith(b"HTTP/1.1 100")
+            one.sendall(body[:-1])
+            waiting.append(one)
+        sent = (body[i : i + 10_000] for i in range(0, len(body), 10_000))
+        for another in (body, sent):
+            refused = client.post("/api/vehicles/check", content=another, headers={"Content-Type": "application/json"})
+            assert "4 other large requests are being worked on" in problem(refused, 503)
+            assert refused.headers["retry-after"] == "30"
+        small = client.post("/api/vehicles/check", json={"toml": "x = 1"})
+        assert small.status_code == 200
+        for one in waiting[:2]:
+            one.sendall(body[-1:])
+            assert one.recv(100).startswith(b"HTTP/1.1 200")
+        waiting[3].close()
+        assert wait_until(lambda: client.post("/api/vehicles/check", content=body,
+                          headers={"Content-Type": "application/json"}).status_code == 200)  # fmt: skip
+
+
+def test_other_json_is_small(client: httpx.Client) -> None:
+    large = b'{"way": "swing", "x": "' + 70_000 * b"x" + b'"}'
+    answer = client.post("/api/vehicles/x/restore/y", content=large, headers={"Content-Type": "application/json"})
+    assert "larger than 64 kB" in problem(answer, 413)
+
+
+def test_a_body_of_which_a_byte_comes_now_and_then_is_waited_for_so_long_and_no_longer() -> None:
+    app = FastAPI()
+
+    @app.post("/taken")
+    def taken(body: dict[str, int]) -> int:
+        return len(body)
+
+    app.add_middleware(BodyLimit, longest_s=0.3)
+    with serving(app) as client, connect(client) as connection:
+        connection.sendall(head("/taken", "Content-Length: 2000"))
+        assert connection.recv(100).startswith(b"HTTP/1.1 408")
+        assert client.post("/taken", json={"a": 1}).json() == 1
+
+
+def test_of_the_keys_that_nobody_knows_the_first_are_named(client: httpx.Client) -> None:
+    given = {"kind": "identify", **{f"key{number}": 1 for number in range(300)}, "k" * 5000: 1}
+    said = problem(client.post("/api/flights/x/jobs", json=given), 422)
+    assert said.startswith("key0, key1, ")
+    assert ", key9 and 291 more: no such key in a job" in said
+    assert len(said) < 1000
+
+
+@pytest.mark.parametrize("path", ["/api/login", "/api/flights/x/jobs"])
+def test_a_body_in_tiny_chunks_ends_its_connection(client: httpx.Client, path: str) -> None:
+    with connect(client) as connection:
+        with contextlib.suppress(ConnectionError):
+            connection.sendall(head(path, "Transfer-Encoding: chunked") + 50_000 * b"1\r\n \r\n")
+        assert answer_to(connection) == b""
+
+
+def test_a_body_in_chunks_of_a_line_is_taken(bench: Bench, client: httpx.Client) -> None:
+    flight = bench.record(1, 1, START)
+    data = (bench.settings.flights / f"{flight}.mcap").read_bytes()
+    lines = (data[i : i + 100] for i in range(0, len(data), 100))
+    assert client.post("/api/flights?name=a.mcap", content=lines).status_code == 201
+
+
+def test_what_is_left_of_a_body_after_its_answer_is_not_read(
+    make_bench: Callable[..., Bench], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench = make_bench(token="secret")
+    read = 0
+    receive = h11.Connection.receive_data
+
+    def counted(connection: h11.Connection, data: bytes) -> None:
+        nonlocal read
+        read += len(data)
+        receive(connection, data)
+
+    monkeypatch.setattr(h11.Connection, "receive_data", counted)
+    with serving(bench.app, limited(linger_s=0.3)) as client:
+        for length in ("Transfer-Encoding: chunked", "Content-Length: 10000000"):
+            with connect(client) as connection:
+                connection.sendall(head("/api/flights", length))
+                said = b""
+                while b"send a token" not in said:
+                    said += connection.recv(1000)
+                assert said.startswith(b"HTTP/1.1 401")
+                assert b"connection: close" in said
+                read = 0
+                with contextlib.suppress(ConnectionError):
+                    for _ in range(100):
+                        connection.sendall(b"2710\r\n" + 10_000 * b"x" + b"\r\n")
+                answer_to(connection)
+                assert read == 0
+
+
+def test_requests_that_come_at_once_are_answered_one_after_another(client: httpx.Client) -> None:
+    with connect(client) as connection:
+        one = head("/api/login", "Content-Length: 14") + b'{"token": "x"}'
+        last = head("/api/login", "Content-Length: 14", "Connection: close") + b'{"token": "x"}'
+        connection.sendall(50 * one + last)
+        assert answer_to(connection).count(b"HTTP/1.1 200") == 51
 
 
 def test_an_aircraft_whose_key_has_49000_dots_is_said_to_be_none(client: httpx.Client) -> None:
@@ -304,3 +427,11 @@ def test_an_aircraft_whose_key_has_49000_dots_is_said_to_be_none(client: httpx.C
         said = client.post("/api/vehicles/check", json=draft).json()["problem"]
         assert said == "vehicle file: is not a vehicle file: a key has more than 8 dots in line 1; take that out"
         assert said == problem(client.post("/api/vehicles", json=draft), 422)
+
+
+def test_a_text_of_which_each_line_takes_longer_than_the_last_is_refused_before_a_form_is_put_into_it(
+    client: httpx.Client,
+) -> None:
+    text = "[zz]\n" + "\n".join(f"a.b.c.d{number} = 1" for number in range(999))
+    said = client.post("/api/vehicles/check", json={"toml": text, "form": {"name": "a"}}).json()["problem"]
+    assert "more than 50 keys have dots in line 52" in said
