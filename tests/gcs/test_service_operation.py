@@ -104,7 +104,7 @@ def test_where_a_request_is_from_says_the_proxy_that_is_believed_and_nobody_else
     told = {"X-Forwarded-For": "203.0.113.9", "Authorization": "Bearer wrong"}
     for believed, address in (("127.0.0.1", "203.0.113.9"), ("192.0.2.1", "127.0.0.1")):
         data = tmp_path / believed
-        with service("--data", data, GCS_TOKEN="right-one", FORWARDED_ALLOW_IPS=believed) as url:
+        with service("--data", data, GCS_TOKEN="the-right-one", FORWARDED_ALLOW_IPS=believed) as url:
             assert httpx.get(f"{url}/api/flights", headers=told, timeout=PATIENCE_S).status_code == 401
         (line,) = map(json.loads, (data / "refusals.jsonl").read_text().splitlines())
         assert line["address"] == address

@@ -203,6 +203,24 @@ def test_a_station_that_others_reach_stays_closed_when_its_last_token_is_revoked
         problem(client.get("/api/flights"), 401)
 
 
+def test_who_takes_back_the_last_token_opens_the_station_to_nobody(
+    make_bench: Callable[..., Bench], tmp_path: Path
+) -> None:
+    file = TokenFile(tmp_path / "tokens.json")
+    boss = file.add("boss", "admin")
+    bench = make_bench(host="127.0.0.1")
+    with serving(bench.app) as client:
+        assert client.get("/api/me", headers=by(boss)).json()["name"] == "boss"
+        file.revoke("boss")
+        problem(client.get("/api/me", headers=by(boss)), 401)
+        problem(client.get("/api/me"), 401)
+        assert TokenFile(tmp_path / "tokens.json").ever()  # as a service that starts now finds it
+        (tmp_path / "tokens.json").unlink()
+        problem(client.get("/api/me"), 401)
+    # Only who deletes the file and starts the service again goes back to a station without tokens.
+    assert not TokenFile(tmp_path / "tokens.json").ever()
+
+
 def test_looking_at_a_link_ends_no_session(bench: Bench, guarded: httpx.Client) -> None:
     flight = bench.record(1, 3, 10**18)
     guarded.post("/api/login", json={"token": TOKEN})
@@ -267,11 +285,18 @@ def test_wrong_tokens_have_to_wait(bench: Bench, guarded: httpx.Client) -> None:
     assert again == [401] * (MOST + 2)
     answers = [guarded.get("/api/flights", headers=by(f"wrong{k}")).status_code for k in range(MOST + 1)]
     assert answers == [401] * (MOST - 1) + [429] * 2
-    # Even the right one, for who tries many finds it else; but not who has come with it before.
-    late = guarded.get("/api/flights", headers=by(TOKEN))
+    late = guarded.get("/api/flights", headers=by("wrong"))
     assert "too many wrong tokens" in problem(late, 429)
-    assert guarded.get("/api/flights", headers=by(anna)).status_code == 200
     assert 0 < int(late.headers["retry-after"]) <= 60
+    # Good ones that never came before pass, of every kind, whatever others at their address try.
+    bert = TokenFile(bench.settings.tokens).add("bert", "operator")
+    flight = bench.record(1, 3, 10**18)
+    link = guarded.post(f"/api/flights/{flight}/share", json={}, headers=by(bert)).json()["path"].rpartition("/")[2]
+    for good, url in ((anna, "/api/flights"), (TOKEN, "/api/flights"), (link, f"/api/flights/{flight}")):
+        assert guarded.get(url, headers=by(good)).status_code == 200
+        assert guarded.post("/api/login", json={"token": good}).status_code == 200
+    guarded.cookies.clear()
+    problem(guarded.post("/api/login", json={"token": "wrong-again"}), 429)
     assert guarded.get("/api/health").status_code == 200
 
 
