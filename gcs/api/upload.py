@@ -18,17 +18,20 @@ from starlette.requests import ClientDisconnect
 from gcs.api.service import Service
 from gcs.errors import ServiceError
 from gcs.jobs.one_shot_process import STOPPED
+from gcs.recording.container import LOG_ENDINGS
 from gcs.settings import Settings
 from gcs.text.sizes import size_text
 
 _WRITE_BYTES = 1 << 20
+_ENDINGS = (".mcap", *LOG_ENDINGS)
 
 
 @asynccontextmanager
 async def receive_upload(request: Request, service: Service, name: str) -> AsyncIterator[tuple[Path, str]]:
     """A temporary file with the upload, and the name that its sender gives it; the file is gone afterwards.
 
-    The name is only ever shown and asked for its ending; no part of it reaches the file system.
+    The name is only ever shown and asked for its ending, one of those that are known, by which some readers go; no
+    other part of it reaches the file system.
     """
     settings = service.settings
     settings.flights.mkdir(parents=True, exist_ok=True)
@@ -57,7 +60,8 @@ async def receive_upload(request: Request, service: Service, name: str) -> Async
             raise HTTPException(422, target.nothing())
         # It is kept as a recording of about its own size.
         _leave_reserve(settings, path.stat().st_size)
-        yield path, target.name
+        ending = Path(target.name).suffix.lower()
+        yield path.rename(path.with_suffix(ending)) if ending in _ENDINGS else path, target.name
 
 
 async def _chunks(request: Request, stopping: asyncio.Event) -> AsyncIterator[bytes]:
