@@ -21,11 +21,11 @@ from gcs.api.server import Server
 from gcs.api.tls import tls_context
 from gcs.catalogue.aircraft_rule import STATION
 from gcs.catalogue.flight_table import Flight
-from gcs.catalogue.intake import Recovery, leftovers
+from gcs.catalogue.intake import Leftover, Recovery, leftovers
 from gcs.catalogue.retention import Retention, RetentionRule
 from gcs.catalogue.sole_user import sole_user
 from gcs.catalogue.store import Catalogue
-from gcs.errors import GcsError, ServiceError
+from gcs.errors import CatalogueFileError, GcsError, ServiceError
 from gcs.jobs.flightviews import FlightViews
 from gcs.jobs.runner import JobRunner
 from gcs.links.opening import Link, open_links
@@ -154,9 +154,14 @@ def serve(settings: Settings, announce: Callable[[str], None]) -> None:
             identify(flight)
             views.prepare(flight)
 
-        for flight in catalogue.unidentified_flights():  # the last service may have ended before it queued them
-            identify(flight)
-        recovery = Recovery(leftovers(settings, catalogue), catalogue, when_over)
+        left: list[Leftover] = []
+        try:
+            for flight in catalogue.unidentified_flights():  # the last service may have ended before it queued them
+                identify(flight)
+            left = leftovers(settings, catalogue)
+        except CatalogueFileError as error:  # flights are recorded all the same, and health says it
+            _log.error("%s", error)
+        recovery = Recovery(left, catalogue, when_over)
         dialect = Dialect.load(settings.link.dialect)
         warm_up(dialect)
         recorder = FlightRecorder(

@@ -18,6 +18,7 @@ from gcs.api.schemas.signals import Series, SignalsView, SpectraView, Spectrogra
 from gcs.api.service import Service, Serving
 from gcs.api.upload import receive_upload
 from gcs.catalogue.aircraft_rule import STATION
+from gcs.catalogue.database import PATIENCE, PATIENT_S
 from gcs.catalogue.flight_table import Flight
 from gcs.catalogue.note_table import FlightNotes
 from gcs.catalogue.result_table import FlightOutcome
@@ -146,6 +147,7 @@ async def upload(
 
     A form with the part `file`, or the file itself with `?name=`.
     """
+    PATIENCE.set(PATIENT_S)  # what took an hour to come is worth a wait
     with service.uploads.place():
         return await _taken_in(request, service, name, columns)
 

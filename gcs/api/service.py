@@ -10,6 +10,7 @@ from typing import Annotated, Protocol, cast
 from fastapi import Depends, Request
 
 from gcs.api.last_minute import LastMinute
+from gcs.catalogue.database import HASTY_S, PATIENCE
 from gcs.catalogue.store import Catalogue
 from gcs.formats.map_tiles import MapTiles
 from gcs.jobs.flightviews import FlightViews
@@ -64,6 +65,7 @@ class Service:
 
 
 async def _service(request: Request) -> Service:  # without a thread of its own, which there may be none for
+    PATIENCE.set(HASTY_S)
     return cast(Service, request.app.state.service)
 
 
