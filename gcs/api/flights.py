@@ -132,7 +132,7 @@ def _midnight_ns(day: date, later: int) -> int:
 @router.post(
     "/api/flights",
     status_code=201,
-    responses={411: _PROBLEM, 413: _PROBLEM, 422: _PROBLEM, 503: _PROBLEM, 507: _PROBLEM},
+    responses={408: _PROBLEM, 411: _PROBLEM, 413: _PROBLEM, 422: _PROBLEM, 503: _PROBLEM, 507: _PROBLEM},
     openapi_extra=_UPLOAD_BODY,
 )
 async def upload(
@@ -148,7 +148,7 @@ async def upload(
     A form with the part `file`, or the file itself with `?name=`.
     """
     PATIENCE.set(PATIENT_S)  # what took an hour to come is worth a wait
-    with service.uploads.place():
+    with service.uploads.places.held(request.state.identity.name):
         return await _taken_in(request, service, name, columns)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import shutil
 import tempfile
+import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -23,6 +24,8 @@ from gcs.settings import Settings
 from gcs.text.sizes import size_text
 
 _WRITE_BYTES = 1 << 20
+# What comes slower holds a place for ever: bytes a second, over so many seconds.
+_LEAST_RATE, _WATCHED_S = 10_000, 60.0
 _ENDINGS = (".mcap", *LOG_ENDINGS)
 
 
@@ -65,9 +68,13 @@ async def receive_upload(request: Request, service: Service, name: str) -> Async
 
 
 async def _chunks(request: Request, stopping: asyncio.Event) -> AsyncIterator[bytes]:
-    """The body as it comes. HTTP 400 where it breaks off, ServiceError once the service is to end: it waits no more."""
+    """The body as it comes. HTTP 400 where it breaks off, 408 where it hardly comes.
+
+    ServiceError once the service is to end: it waits no more.
+    """
     stop = asyncio.ensure_future(stopping.wait())
     body = request.stream()
+    began, received = time.monotonic(), 0
     coming: asyncio.Future[bytes] | None = None
     try:
         while True:
@@ -78,6 +85,12 @@ async def _chunks(request: Request, stopping: asyncio.Event) -> AsyncIterator[by
                 raise ServiceError(STOPPED)
             if not chunk:  # its end
                 return
+            received += len(chunk)
+            if time.monotonic() - began > _WATCHED_S:
+                if received < _LEAST_RATE * _WATCHED_S:
+                    slow = f"the file comes by less than {_LEAST_RATE // 1000} kB a second, and its place is needed"
+                    raise HTTPException(408, f"{slow}; send it by a faster connection", {"Connection": "close"})
+                began, received = time.monotonic(), 0
             yield chunk
     except ClientDisconnect:
         raise HTTPException(400, "the connection ended before the file did; send it again") from None
