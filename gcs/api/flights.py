@@ -165,13 +165,13 @@ async def _taken_in(request: Request, service: Service, name: str, columns: str)
 
 
 @router.get("/api/flights/{flight_id}", responses={404: _PROBLEM, 503: _PROBLEM})
-def flight(service: Serving, flight_id: str) -> FlightSummary:
-    """What a flight holds, and the state of its jobs."""
+def flight(request: Request, service: Serving, flight_id: str) -> FlightSummary:
+    """What a flight holds, and the state of its jobs; to a shared link neither jobs nor other flights."""
     found = service.catalogue.flight(flight_id)
     jobs = [JobView.of(job.to_json()) for job in service.catalogue.jobs_of(flight_id)]
     ground = _items(service, service.catalogue.ground_after(flight_id))
     summary, item = service.views.summary(found), _item(service, found).model_dump()
-    return FlightSummary.model_validate(
+    whole = FlightSummary.model_validate(
         {
             **item,
             **summary,
@@ -181,6 +181,13 @@ def flight(service: Serving, flight_id: str) -> FlightSummary:
             "used": service.catalogue.used_parts(flight_id),
         }
     )
+    return _of_a_link(whole) if request.state.identity.flight else whole
+
+
+def _of_a_link(whole: FlightSummary) -> FlightSummary:
+    """Without who asked for jobs from where, which other flights there are, and which board it was."""
+    aircraft = whole.aircraft.model_copy(update={"why": "", "problem": ""})
+    return whole.model_copy(update={"jobs": [], "ground": [], "follows": None, "board": None, "aircraft": aircraft})
 
 
 def _aircraft(service: Service, flight: Flight) -> ChosenVehicle:

@@ -144,6 +144,23 @@ def test_a_link_shows_its_flight_and_nothing_else(bench: Bench, guarded: httpx.C
         assert visitor.get("/api/me").json()["flight"] == flights[0]
 
 
+@pytest.mark.whole_flight
+def test_a_link_shows_nothing_of_who_works_with_the_flight_and_of_other_flights(
+    bench: Bench, guarded: httpx.Client
+) -> None:
+    other, flight = (bench.record(1, 3, 10**18 + number * 10**11) for number in range(2))
+    asked = {"kind": "identify", "validate": [other]}
+    job = guarded.post(f"/api/flights/{flight}/jobs", json=asked, headers=by(TOKEN))
+    assert job.status_code in (201, 202), job.text
+    link = guarded.post(f"/api/flights/{flight}/share", json={}, headers=by(TOKEN)).json()["path"].rpartition("/")[2]
+    whole, thin = (guarded.get(f"/api/flights/{flight}", headers=by(token)) for token in (TOKEN, link))
+    assert (whole.status_code, thin.status_code) == (200, 200)
+    assert [one["id"] for one in whole.json()["jobs"]] == [job.json()["id"]]
+    for secret in (other, job.json()["id"], "127.0.0.1"):
+        assert secret not in thin.text, secret
+    assert (thin.json()["id"], thin.json()["signals"]) == (flight, whole.json()["signals"])
+
+
 def test_a_link_ends_and_a_forged_one_is_none(tmp_path: Path) -> None:
     now = [1000.0]
     shares = Shares(tmp_path / "share.key", lambda: now[0])
