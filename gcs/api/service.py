@@ -9,12 +9,12 @@ from typing import Annotated, Protocol, cast
 
 from fastapi import Depends, Request
 
-from gcs.access.places import Places
 from gcs.api.last_minute import LastMinute
 from gcs.catalogue.database import HASTY_S, PATIENCE
 from gcs.catalogue.store import Catalogue
 from gcs.formats.map_tiles import MapTiles
 from gcs.jobs.flightviews import FlightViews
+from gcs.jobs.places import Places
 from gcs.jobs.reports import Reports
 from gcs.jobs.runner import JobRunner
 from gcs.jobs.uploads import Uploads

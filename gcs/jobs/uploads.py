@@ -10,13 +10,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from gcs.access.places import Places
 from gcs.catalogue.flight_table import Flight
 from gcs.catalogue.intake import flight_stamp, numbered_ids
 from gcs.catalogue.store import Catalogue
 from gcs.errors import ImportFileError
 from gcs.jobs.limits import memory_limit
 from gcs.jobs.one_shot_process import AskedOnce
+from gcs.jobs.places import Places
 from gcs.settings import Settings
 
 _MAX_NAME = 200

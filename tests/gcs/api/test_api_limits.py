@@ -22,9 +22,9 @@ from patience import PATIENCE_S
 from serving import serving
 from traffic import wait_until
 
-from gcs.access.places import Places
 from gcs.access.token_file import TokenFile
 from gcs.api.connections import limited
+from gcs.jobs.places import Places
 from gcs.jobs.uploads import Uploads
 from gcs.recording.storage import StorageOptions
 
