@@ -10,6 +10,7 @@ GcsError                       every error a user can cause; its text is one lin
 ├── CatalogueError             a flight, model or result that the catalogue does not hold
 ├── RecordingDeletedError      a recording that was deleted to make room
 ├── CatalogueFileError         a catalogue whose file cannot be read or written, as on a full disk
+│   └── CatalogueBusyError     a catalogue that another program writes for too long
 ├── JobError                   a job that cannot be started or has failed
 │   └── QueueFullError         a job for which too many others wait
 ├── VehicleError               an aircraft that cannot be kept or changed, or that nobody has chosen
@@ -60,6 +61,10 @@ class RecordingDeletedError(GcsError):
 
 class CatalogueFileError(GcsError):
     """The catalogue's file cannot be read or written."""
+
+
+class CatalogueBusyError(CatalogueFileError):
+    """Another program writes the catalogue's file for longer than one can wait."""
 
 
 class JobError(GcsError):

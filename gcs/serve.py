@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import shutil
 import signal
 import socket
@@ -21,11 +22,11 @@ from gcs.api.server import Server
 from gcs.api.tls import tls_context
 from gcs.catalogue.aircraft_rule import STATION
 from gcs.catalogue.flight_table import Flight
-from gcs.catalogue.intake import Recovery, leftovers
+from gcs.catalogue.intake import Leftover, Recovery, leftovers
 from gcs.catalogue.retention import Retention, RetentionRule
 from gcs.catalogue.sole_user import sole_user
 from gcs.catalogue.store import Catalogue
-from gcs.errors import GcsError, ServiceError
+from gcs.errors import CatalogueFileError, GcsError, ServiceError
 from gcs.jobs.flightviews import FlightViews
 from gcs.jobs.runner import JobRunner
 from gcs.links.opening import Link, open_links
@@ -50,6 +51,8 @@ _log = logging.getLogger(__name__)
 
 # Open files and sockets that are asked for where a system sets no limit.
 _DESCRIPTORS = 8192
+# What the service writes is nobody's but its user's and, to read, its group's.
+_UMASK = 0o027
 
 
 def _tidy(settings: Settings) -> None:
@@ -81,11 +84,14 @@ def _links(urls: tuple[str, ...]) -> Iterator[list[Link]]:
 def _listen(settings: Settings) -> socket.socket:
     try:
         family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
-        return socket.create_server((settings.host, settings.port), family=family, backlog=128)
+        listener = socket.create_server((settings.host, settings.port), family=family, backlog=128)
     except OSError as error:
         raise ServiceError(
             f"cannot listen on {settings.host} port {settings.port} ({reason(error)}); choose another --port"
         ) from error
+    # Connections have it from here: else the second part of an answer waits 40 ms until the first is acknowledged.
+    listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    return listener
 
 
 def _identify_when_over(settings: Settings, jobs: JobRunner) -> Callable[[Flight], None]:
@@ -134,6 +140,7 @@ def serve(settings: Settings, announce: Callable[[str], None]) -> None:
     Raises SettingsError, ServiceError, LinkError, VehicleFileError, CatalogueError.
     announce: called once with the URL at which the service answers.
     """
+    os.umask(_UMASK)
     give_memory_back()
     protocol = _connections()
     tls = tls_context(settings.tls_cert, settings.tls_key) if settings.tls_cert and settings.tls_key else None
@@ -154,9 +161,14 @@ def serve(settings: Settings, announce: Callable[[str], None]) -> None:
             identify(flight)
             views.prepare(flight)
 
-        for flight in catalogue.unidentified_flights():  # the last service may have ended before it queued them
-            identify(flight)
-        recovery = Recovery(leftovers(settings, catalogue), catalogue, when_over)
+        left: list[Leftover] = []
+        try:
+            for flight in catalogue.unidentified_flights():  # the last service may have ended before it queued them
+                identify(flight)
+            left = leftovers(settings, catalogue)
+        except CatalogueFileError as error:  # flights are recorded all the same, and health says it
+            _log.error("%s", error)
+        recovery = Recovery(left, catalogue, when_over)
         dialect = Dialect.load(settings.link.dialect)
         warm_up(dialect)
         recorder = FlightRecorder(

@@ -12,6 +12,8 @@ _ADMIN_ONLY = ("/api/vehicles", "/api/tokens", "/api/audit")
 _HARMLESS = frozenset(("/api/vehicles/check", "/api/vehicles/inertia"))
 # Everybody who is known may leave.
 _OWN = frozenset(("/api/logout",))
+# Nothing is other than before behind these, whoever asks.
+CHANGES_NOTHING = _HARMLESS | _OWN | {"/api/login"}
 
 
 class Role(IntEnum):

@@ -46,6 +46,16 @@ class TokenFile:
         self._path, self._clock = path, clock
         self._stamp: tuple[int, int, int] | None = None
         self._tokens: tuple[KnownToken, ...] = ()
+        self._ever = False
+
+    def ever(self) -> bool:
+        """Whether there is the file, even one without a token left, or was since this began. SettingsError as `tokens`.
+
+        Who takes the last one back closes the station; it never opens it to everybody.
+        """
+        self.tokens()
+        self._ever = self._ever or self._stamp is not None
+        return self._ever
 
     def tokens(self) -> tuple[KnownToken, ...]:
         """All tokens, in the order in which they were added. SettingsError for a file that is none."""

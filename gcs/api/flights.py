@@ -18,6 +18,7 @@ from gcs.api.schemas.signals import Series, SignalsView, SpectraView, Spectrogra
 from gcs.api.service import Service, Serving
 from gcs.api.upload import receive_upload
 from gcs.catalogue.aircraft_rule import STATION
+from gcs.catalogue.database import PATIENCE, PATIENT_S
 from gcs.catalogue.flight_table import Flight
 from gcs.catalogue.note_table import FlightNotes
 from gcs.catalogue.result_table import FlightOutcome
@@ -131,7 +132,7 @@ def _midnight_ns(day: date, later: int) -> int:
 @router.post(
     "/api/flights",
     status_code=201,
-    responses={411: _PROBLEM, 413: _PROBLEM, 422: _PROBLEM, 503: _PROBLEM, 507: _PROBLEM},
+    responses={408: _PROBLEM, 411: _PROBLEM, 413: _PROBLEM, 422: _PROBLEM, 503: _PROBLEM, 507: _PROBLEM},
     openapi_extra=_UPLOAD_BODY,
 )
 async def upload(
@@ -146,7 +147,8 @@ async def upload(
 
     A form with the part `file`, or the file itself with `?name=`.
     """
-    with service.uploads.place():
+    PATIENCE.set(PATIENT_S)  # what took an hour to come is worth a wait
+    with service.uploads.places.held(request.state.identity.name):
         return await _taken_in(request, service, name, columns)
 
 
@@ -163,13 +165,13 @@ async def _taken_in(request: Request, service: Service, name: str, columns: str)
 
 
 @router.get("/api/flights/{flight_id}", responses={404: _PROBLEM, 503: _PROBLEM})
-def flight(service: Serving, flight_id: str) -> FlightSummary:
-    """What a flight holds, and the state of its jobs."""
+def flight(request: Request, service: Serving, flight_id: str) -> FlightSummary:
+    """What a flight holds, and the state of its jobs; to a shared link neither jobs nor other flights."""
     found = service.catalogue.flight(flight_id)
     jobs = [JobView.of(job.to_json()) for job in service.catalogue.jobs_of(flight_id)]
     ground = _items(service, service.catalogue.ground_after(flight_id))
     summary, item = service.views.summary(found), _item(service, found).model_dump()
-    return FlightSummary.model_validate(
+    whole = FlightSummary.model_validate(
         {
             **item,
             **summary,
@@ -179,6 +181,13 @@ def flight(service: Serving, flight_id: str) -> FlightSummary:
             "used": service.catalogue.used_parts(flight_id),
         }
     )
+    return _of_a_link(whole) if request.state.identity.flight else whole
+
+
+def _of_a_link(whole: FlightSummary) -> FlightSummary:
+    """Without who asked for jobs from where, which other flights there are, and which board it was."""
+    aircraft = whole.aircraft.model_copy(update={"why": "", "problem": ""})
+    return whole.model_copy(update={"jobs": [], "ground": [], "follows": None, "board": None, "aircraft": aircraft})
 
 
 def _aircraft(service: Service, flight: Flight) -> ChosenVehicle:

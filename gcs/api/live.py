@@ -9,14 +9,13 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from fastapi import APIRouter
+from fastapi import APIRouter, Request
 from fastapi.responses import StreamingResponse
 from starlette.types import Receive, Scope, Send
 
 from gcs.api.schemas.live import Live, Minute, NoteMade, NoteText
 from gcs.api.schemas.problem import Problem
 from gcs.api.service import Service, Serving
-from gcs.errors import ServiceError
 from gcs.live.feed import Samples
 from gcs.text.jsontext import dumps
 from sim_vehicle.errors import VehicleFileError
@@ -26,8 +25,6 @@ router = APIRouter(tags=["live"])
 
 _LOOK_S = 0.05
 _HEARTBEAT_S = 10.0
-# Each has a connection for as long as it likes, of which others need some.
-_MOST_FOLLOWING = 64
 _FRESH_NS = 2_000_000_000
 _NO_VEHICLE = "no aircraft is known: describe it under Aircraft, or start the service with --vehicle FILE"
 _DESCRIBED = "it begins with a flight, whose aircraft the station then knows or you choose on the flight's page"
@@ -57,29 +54,28 @@ def minute(service: Serving) -> Minute:
         503: {"model": Problem},
     },
 )
-async def stream(service: Serving) -> StreamingResponse:
+async def stream(request: Request, service: Serving) -> StreamingResponse:
     """Server-sent events: `signals` ten times a second (newest values, and all samples since), `estimate` and `status`
     of the vehicle twice, `state` when it, flight or vehicle change.
     """
-    if service.following >= _MOST_FOLLOWING:
-        raise ServiceError(f"{_MOST_FOLLOWING} clients follow the flight already; close one of them")
+    who = request.state.identity.name
+    service.following.take(who)
     headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
-    service.following += 1
-    return _Followed(_events(service), media_type="text/event-stream", headers=headers, service=service)
+    return _Followed(_events(service), media_type="text/event-stream", headers=headers, service=service, who=who)
 
 
 class _Followed(StreamingResponse):
     """A stream that is counted until it ends, however it does."""
 
-    def __init__(self, *given: Any, service: Service, **named: Any) -> None:
+    def __init__(self, *given: Any, service: Service, who: str, **named: Any) -> None:
         super().__init__(*given, **named)
-        self._service = service
+        self._service, self._who = service, who
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         try:
             await super().__call__(scope, receive, send)
         finally:
-            self._service.following -= 1
+            self._service.following.give_back(self._who)
 
 
 @router.post("/api/live/notes", status_code=201, responses={409: {"model": Problem}})

@@ -64,7 +64,7 @@ class _Collector:
             "gcs_unrecorded_bytes", "Bytes that could not be recorded", service.recorder.state.unrecorded_bytes
         )
         yield _counter("gcs_live_dropped_bytes", "Bytes that the live side had no time for", service.live.dropped_bytes)
-        parts: tuple[Watched, ...] = (service.recorder, service.jobs, *service.others)
+        parts: tuple[Watched, ...] = (service.recorder, service.catalogue, service.jobs, *service.others)
         troubled = [one for one in parts if one.problem]
         yield _gauge("gcs_problems", "Parts of the service that are in trouble; /api/health says which", len(troubled))
 

@@ -39,7 +39,7 @@ async def _catalogue(service: Service) -> list[str]:
         return [f"catalogue: no answer within {_PATIENCE_S:g} s"]
     except CatalogueFileError as error:
         return [f"catalogue: {error}"]
-    return []
+    return [f"catalogue: {problem}"] if (problem := service.catalogue.problem) else []
 
 
 def _recorder(service: Service) -> list[str]:

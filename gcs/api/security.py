@@ -47,12 +47,11 @@ class Access:
         self.shares = Shares(settings.share_key)
         self.failures = Failures()
         self.audit = Audit(settings.audit, settings.refusals)
-        self._good: set[bytes] = set()
 
     @property
     def demanded(self) -> bool:
-        """Whether a token is needed: on a station that has any, or that others reach even if all are revoked."""
-        return self._token is not None or self._closed or bool(self.tokens.tokens())
+        """Whether a token is needed: where others reach the station, or it has or had any, even if all are revoked."""
+        return self._token is not None or self._closed or self.tokens.ever()
 
     def identify(self, text: str) -> Identity | None:
         """Whose token a text is. SettingsError where the station's files cannot be read."""
@@ -61,25 +60,22 @@ class Access:
         return self.tokens.identify(text) or self.shares.identify(text)
 
     def admit(self, text: str, address: str) -> Identity:
-        """Whose token a text is. Raises RefusedError for nobody's, and for an address that has come with too many.
+        """Whose token a text is. Raises RefusedError for nobody's: 401, and 429 where the address came with too many.
 
-        A token that was good before is so whatever others at the address try.
+        A good token passes whatever others at the address try: behind a proxy all are one address, and tokens have too
+        many bits for guessing to be stopped by the wait.
         """
         try:
             identity = self.identify(text)
         except SettingsError as error:
             raise RefusedError(503, str(error)) from None
-        digest = hashlib.sha256(text.encode()).digest()
-        if identity is not None and digest in self._good:
+        if identity is not None:
             return identity
         if (wait := self.failures.wait_s(address)) > 0.0:
             after = {"Retry-After": f"{wait:.0f}"}
             raise RefusedError(429, f"too many wrong tokens; wait {wait:.0f} s", headers=after)
-        if identity is None:
-            self.failures.count(address, digest)
-            raise RefusedError(401, "the station does not know this token", headers=_BEARER)
-        self._good.add(digest)
-        return identity
+        self.failures.count(address, hashlib.sha256(text.encode()).digest())
+        raise RefusedError(401, "the station does not know this token", headers=_BEARER)
 
 
 class Guard:

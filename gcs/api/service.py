@@ -10,16 +10,22 @@ from typing import Annotated, Protocol, cast
 from fastapi import Depends, Request
 
 from gcs.api.last_minute import LastMinute
+from gcs.catalogue.database import HASTY_S, PATIENCE
 from gcs.catalogue.store import Catalogue
 from gcs.formats.map_tiles import MapTiles
 from gcs.jobs.drafts import Drafts
 from gcs.jobs.flightviews import FlightViews
+from gcs.jobs.places import Places
 from gcs.jobs.reports import Reports
 from gcs.jobs.runner import JobRunner
 from gcs.jobs.uploads import Uploads
 from gcs.live.feed import LiveFeed
 from gcs.settings import Settings
 from gcs.station.station import RecordingStation
+
+# Who follow the flight by events, and how many of them may be one; each has a connection for as long as it likes, of
+# which others need some.
+_MOST_FOLLOWING = (64, 8)
 
 
 class Watched(Protocol):
@@ -34,7 +40,7 @@ class Service:
     """The parts of the running service. started: monotonic time of its start, s. others: what else may have trouble.
 
     live: the flight as it is now; minute: as it was streamed over the last minute; views: recordings, for plots.
-    following: how many follow the stream of events. stopping: set once the service is to end. map: what lies beneath
+    following: those who follow the stream of events. stopping: set once the service is to end. map: what lies beneath
     the track.
     """
 
@@ -50,7 +56,7 @@ class Service:
     drafts: Drafts = field(init=False)
     reports: Reports = field(default_factory=Reports)
     minute: LastMinute = field(default_factory=LastMinute)
-    following: int = 0
+    following: Places = field(default_factory=lambda: Places(*_MOST_FOLLOWING, "streams are followed"))
     stopping: asyncio.Event = field(default_factory=asyncio.Event)
     map: MapTiles | None = field(init=False)
 
@@ -68,6 +74,7 @@ class Service:
 
 
 async def _service(request: Request) -> Service:  # without a thread of its own, which there may be none for
+    PATIENCE.set(HASTY_S)
     return cast(Service, request.app.state.service)
 
 

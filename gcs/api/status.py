@@ -23,7 +23,7 @@ async def health(service: Serving) -> Health:
     # It waits for nothing and needs no thread, so that it answers whatever others ask for.
     links = service.recorder.links
     state = service.recorder.state
-    parts: tuple[Watched, ...] = (service.recorder, service.jobs, *service.others)
+    parts: tuple[Watched, ...] = (service.recorder, service.catalogue, service.jobs, *service.others)
     problem = next((part.problem for part in parts if part.problem), "")
     forwarding = service.recorder.forwarding()
     disk = shutil.disk_usage(service.settings.data)

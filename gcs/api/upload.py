@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import shutil
 import tempfile
+import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -18,17 +19,22 @@ from starlette.requests import ClientDisconnect
 from gcs.api.service import Service
 from gcs.errors import ServiceError
 from gcs.jobs.one_shot_process import STOPPED
+from gcs.recording.container import LOG_ENDINGS
 from gcs.settings import Settings
 from gcs.text.sizes import size_text
 
 _WRITE_BYTES = 1 << 20
+# What comes slower holds a place for ever: bytes a second, over so many seconds.
+_LEAST_RATE, _WATCHED_S = 10_000, 60.0
+_ENDINGS = (".mcap", *LOG_ENDINGS)
 
 
 @asynccontextmanager
 async def receive_upload(request: Request, service: Service, name: str) -> AsyncIterator[tuple[Path, str]]:
     """A temporary file with the upload, and the name that its sender gives it; the file is gone afterwards.
 
-    The name is only ever shown and asked for its ending; no part of it reaches the file system.
+    The name is only ever shown and asked for its ending, one of those that are known, by which some readers go; no
+    other part of it reaches the file system.
     """
     settings = service.settings
     settings.flights.mkdir(parents=True, exist_ok=True)
@@ -57,13 +63,18 @@ async def receive_upload(request: Request, service: Service, name: str) -> Async
             raise HTTPException(422, target.nothing())
         # It is kept as a recording of about its own size.
         _leave_reserve(settings, path.stat().st_size)
-        yield path, target.name
+        ending = Path(target.name).suffix.lower()
+        yield path.rename(path.with_suffix(ending)) if ending in _ENDINGS else path, target.name
 
 
 async def _chunks(request: Request, stopping: asyncio.Event) -> AsyncIterator[bytes]:
-    """The body as it comes. HTTP 400 where it breaks off, ServiceError once the service is to end: it waits no more."""
+    """The body as it comes. HTTP 400 where it breaks off, 408 where it hardly comes.
+
+    ServiceError once the service is to end: it waits no more.
+    """
     stop = asyncio.ensure_future(stopping.wait())
     body = request.stream()
+    began, received = time.monotonic(), 0
     coming: asyncio.Future[bytes] | None = None
     try:
         while True:
@@ -74,6 +85,12 @@ async def _chunks(request: Request, stopping: asyncio.Event) -> AsyncIterator[by
                 raise ServiceError(STOPPED)
             if not chunk:  # its end
                 return
+            received += len(chunk)
+            if time.monotonic() - began > _WATCHED_S:
+                if received < _LEAST_RATE * _WATCHED_S:
+                    slow = f"the file comes by less than {_LEAST_RATE // 1000} kB a second, and its place is needed"
+                    raise HTTPException(408, f"{slow}; send it by a faster connection", {"Connection": "close"})
+                began, received = time.monotonic(), 0
             yield chunk
     except ClientDisconnect:
         raise HTTPException(400, "the connection ended before the file did; send it again") from None

@@ -41,7 +41,7 @@ class NoteTable(Database):
 
     def change_notes(self, flight_id: str, **said: Any) -> None:
         """Keep what was said of a flight; what is not named stays as it is."""
-        with self._lock:
+        with self._alone():
             self.put_notes(flight_id, replace(self.notes(flight_id), **said))
 
     def put_notes(self, flight_id: str, notes: FlightNotes) -> None:

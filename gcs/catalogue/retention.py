@@ -18,7 +18,7 @@ from pathlib import Path
 from gcs.catalogue.backup import Backups
 from gcs.catalogue.flight_table import Flight
 from gcs.catalogue.store import Catalogue
-from gcs.errors import CatalogueError, RecordingError, in_words
+from gcs.errors import CatalogueBusyError, CatalogueError, RecordingError, in_words
 from gcs.mavlink.frameparts import AUTOPILOT, LAST_VEHICLE
 from gcs.recording.reader import Recording
 from gcs.text.sizes import size_text
@@ -93,8 +93,10 @@ class Retention:
             self._stopping.wait(_PERIOD_S)
 
     def _report(self, error: Exception) -> None:
-        self.problem = f"the data folder cannot be looked after: {in_words(error)}"
-        _log.error("%s", self.problem)
+        problem = f"the data folder cannot be looked after: {in_words(error)}"
+        _log.error("%s", problem)
+        # That others write the catalogue it says itself, for as long as they do.
+        self.problem = "" if isinstance(error, CatalogueBusyError) else problem
 
     def apply(self) -> list[str]:
         """Delete what the rule says now; the ids of the flights. Raises CatalogueFileError, OSError."""

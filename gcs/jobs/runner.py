@@ -22,7 +22,15 @@ from gcs.analysis.flight_part import part_problem
 from gcs.catalogue.aircraft_rule import STATION
 from gcs.catalogue.job_table import BY_PERSON, BY_STATION, Job
 from gcs.catalogue.store import Catalogue
-from gcs.errors import CatalogueError, CatalogueFileError, GcsError, JobError, QueueFullError, in_words
+from gcs.errors import (
+    CatalogueBusyError,
+    CatalogueError,
+    CatalogueFileError,
+    GcsError,
+    JobError,
+    QueueFullError,
+    in_words,
+)
 from gcs.jobs.limits import memory_limit
 from gcs.jobs.programs import Program, begin
 from gcs.settings import Settings
@@ -97,7 +105,10 @@ class JobRunner:
     def start(self) -> None:
         """Queue again what the last stop interrupted, and begin."""
         self._settings.jobs.mkdir(parents=True, exist_ok=True)
-        self._catalogue.requeue_interrupted_jobs()
+        try:
+            self._catalogue.requeue_interrupted_jobs()
+        except CatalogueFileError as error:  # flights are recorded all the same
+            self._report(error)
         self._thread.start()
 
     def stop(self) -> None:
@@ -250,10 +261,15 @@ class JobRunner:
             try:
                 self._run_next()
             except Exception as error:  # the thread goes on whatever happens
-                self.problem = f"jobs wait: {in_words(error)}"
-                _log.error("%s", self.problem)
-                self._interrupted = True  # whichever ran has no result now
+                self._report(error)
                 self._stopping.wait(_RETRY_S)
+
+    def _report(self, error: Exception) -> None:
+        problem = f"jobs wait: {in_words(error)}"
+        _log.error("%s", problem)
+        # That others write the catalogue it says itself, for as long as they do.
+        self.problem = "" if isinstance(error, CatalogueBusyError) else problem
+        self._interrupted = True  # whichever ran has no result now
 
     def _run_next(self) -> None:
         """Run the oldest queued job, or wait for one."""

@@ -5,9 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import sys
-import threading
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,9 +13,10 @@ from typing import Any
 from gcs.catalogue.flight_table import Flight
 from gcs.catalogue.intake import flight_stamp, numbered_ids
 from gcs.catalogue.store import Catalogue
-from gcs.errors import BusyError, ImportFileError
+from gcs.errors import ImportFileError
 from gcs.jobs.limits import memory_limit
 from gcs.jobs.one_shot_process import AskedOnce
+from gcs.jobs.places import Places
 from gcs.settings import Settings
 
 _MAX_NAME = 200
@@ -25,7 +24,7 @@ _MAPPING = "columns.toml"
 # The largest upload takes minutes; what takes longer never ends.
 _LONGEST_S = 1800.0
 # So many are received, wait for their turn or are read at a time; each may keep a thread that others need.
-_MOST_PLACES = 8
+_MOST_PLACES, _MOST_OF_ONE = 8, 3
 # What file systems say that have one name for each file (FAT, some network shares).
 _NO_LINKS = (errno.EPERM, errno.ENOTSUP, errno.ENOSYS)
 
@@ -48,17 +47,8 @@ class Uploads:
         self._catalogue = catalogue
         self._memory_bytes = memory_bytes or memory_limit()
         self._reader = AskedOnce(worker, longest_s)
-        self._places = threading.BoundedSemaphore(_MOST_PLACES)
-
-    @contextmanager
-    def place(self) -> Iterator[None]:
-        """Held for an upload from its first byte until it is a flight. BusyError where so many others come."""
-        if not self._places.acquire(blocking=False):
-            raise BusyError(f"{_MOST_PLACES} other files are being taken in; send this one again in a minute")
-        try:
-            yield
-        finally:
-            self._places.release()
+        # Held for an upload from its first byte until it is a flight.
+        self.places = Places(_MOST_PLACES, _MOST_OF_ONE, "files are being taken in")
 
     def take_in(self, upload: Path, original_name: str, columns: str = "") -> Flight:
         """Make an uploaded file a flight of the catalogue. The original name is shown, never used as a path.

@@ -6,7 +6,7 @@ import logging
 import threading
 from collections.abc import Sequence
 
-from gcs.errors import in_words
+from gcs.errors import CatalogueBusyError, in_words
 from gcs.mavlink.frameparts import autopilots
 from gcs.mavlink.framing import Frames
 from gcs.station.segmentation import Heartbeat
@@ -32,6 +32,9 @@ class RecorderState:
 
     def report(self, error: Exception) -> None:
         """Say what goes wrong, once until it is over."""
+        if isinstance(error, CatalogueBusyError):  # the catalogue says it itself, for as long as it lasts
+            _log.warning("%s", error)
+            return
         with self._lock:
             if not self.problem:
                 self.problem = in_words(error)

@@ -49,6 +49,11 @@ def test_the_token_has_no_default(compose: dict[str, Any]) -> None:
     assert re.search(r"^GCS_TOKEN=$", example, re.MULTILINE)
 
 
+def test_no_secret_is_one_that_everybody_knows(compose: dict[str, Any]) -> None:
+    assert compose["services"]["store"]["environment"]["ROOT_SECRET_KEY"] == "${FLEET_SECRET:-}"
+    assert compose["services"]["worker"]["environment"]["AWS_SECRET_ACCESS_KEY"] == "${FLEET_SECRET:-}"
+
+
 def test_the_image_runs_as_an_ordinary_user_and_flights_survive_in_a_volume(compose: dict[str, Any]) -> None:
     lines = (ROOT / "Dockerfile").read_text().splitlines()
     users = [line.split()[1] for line in lines if line.startswith("USER ")]

@@ -17,6 +17,8 @@ from traffic import Vehicle, wait_until
 
 from gcs.api.tls import tls_context
 from gcs.errors import SettingsError
+from gcs.serve import _listen
+from gcs.settings import Settings
 
 
 @pytest.fixture(scope="module")
@@ -104,10 +106,29 @@ def test_where_a_request_is_from_says_the_proxy_that_is_believed_and_nobody_else
     told = {"X-Forwarded-For": "203.0.113.9", "Authorization": "Bearer wrong"}
     for believed, address in (("127.0.0.1", "203.0.113.9"), ("192.0.2.1", "127.0.0.1")):
         data = tmp_path / believed
-        with service("--data", data, GCS_TOKEN="right-one", FORWARDED_ALLOW_IPS=believed) as url:
+        with service("--data", data, GCS_TOKEN="the-right-one", FORWARDED_ALLOW_IPS=believed) as url:
             assert httpx.get(f"{url}/api/flights", headers=told, timeout=PATIENCE_S).status_code == 401
         (line,) = map(json.loads, (data / "refusals.jsonl").read_text().splitlines())
         assert line["address"] == address
+
+
+@pytest.mark.whole_flight
+def test_what_it_writes_is_for_its_user_and_group_alone(tmp_path: Path) -> None:
+    data = tmp_path / "data"
+    with service("--data", data) as url:
+        body = b"".join(bytes(8) + frame for frame in Vehicle().second())
+        made = httpx.post(f"{url}/api/flights?name=a.tlog", content=body, timeout=PATIENCE_S)
+        assert made.status_code == 201, made.text
+        files = [path for path in data.rglob("*") if path.is_file()]
+        assert {"catalogue.sqlite", f"{made.json()['id']}.mcap"} <= {path.name for path in files}
+        assert [path for path in (data, *data.rglob("*")) if path.exists() and path.stat().st_mode & 0o027] == []
+
+
+def test_connections_wait_for_no_acknowledgement(tmp_path: Path) -> None:
+    with _listen(Settings(data=tmp_path, port=0)) as listener, socket.create_connection(listener.getsockname()):
+        accepted, _ = listener.accept()
+        with accepted:
+            assert accepted.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
 
 
 @pytest.mark.whole_flight

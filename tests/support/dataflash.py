@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import struct
+from pathlib import Path
+from typing import Any
+
+from pymavlink.DFReader import DFReader_binary
 
 HEAD = b"\xa3\x95"
 FMT_TYPE = 0x80
@@ -94,3 +98,22 @@ def a_log(seconds: float = 4.0) -> DataflashWriter:
         if i == 150:
             log.add("EV", now + 80, 11)
     return log
+
+
+def as_text(path: Path) -> str:
+    """A log of bytes as the text that pymavlink reads of it, a line for each message."""
+    reader, lines = DFReader_binary(str(path)), []
+    while (message := reader.recv_msg()) is not None:
+        values = [getattr(message, name) for name in message.fmt.columns]
+        words = [
+            one if isinstance(one, str) else f"{one:.9g}" if isinstance(one, float) else str(one) for one in values
+        ]
+        lines.append(", ".join([message.get_type(), *words]))
+    closed(reader)
+    return "\n".join(lines) + "\n"
+
+
+def closed(reader: Any) -> None:
+    """What pymavlink leaves open."""
+    reader.data_map.close()
+    reader.filehandle.close()

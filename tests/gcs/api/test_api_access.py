@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import stat
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ import pytest
 from api_bench import TOKEN, Bench, problem
 from serving import serving
 
-from gcs.access.audit import Audit
+from gcs.access.audit import Audit, _File
 from gcs.access.failures import MOST, Failures
 from gcs.access.roles import Role, least_role
 from gcs.access.shares import Shares
@@ -143,6 +144,23 @@ def test_a_link_shows_its_flight_and_nothing_else(bench: Bench, guarded: httpx.C
         assert visitor.get("/api/me").json()["flight"] == flights[0]
 
 
+@pytest.mark.whole_flight
+def test_a_link_shows_nothing_of_who_works_with_the_flight_and_of_other_flights(
+    bench: Bench, guarded: httpx.Client
+) -> None:
+    other, flight = (bench.record(1, 3, 10**18 + number * 10**11) for number in range(2))
+    asked = {"kind": "identify", "validate": [other]}
+    job = guarded.post(f"/api/flights/{flight}/jobs", json=asked, headers=by(TOKEN))
+    assert job.status_code in (201, 202), job.text
+    link = guarded.post(f"/api/flights/{flight}/share", json={}, headers=by(TOKEN)).json()["path"].rpartition("/")[2]
+    whole, thin = (guarded.get(f"/api/flights/{flight}", headers=by(token)) for token in (TOKEN, link))
+    assert (whole.status_code, thin.status_code) == (200, 200)
+    assert [one["id"] for one in whole.json()["jobs"]] == [job.json()["id"]]
+    for secret in (other, job.json()["id"], "127.0.0.1"):
+        assert secret not in thin.text, secret
+    assert (thin.json()["id"], thin.json()["signals"]) == (flight, whole.json()["signals"])
+
+
 def test_a_link_ends_and_a_forged_one_is_none(tmp_path: Path) -> None:
     now = [1000.0]
     shares = Shares(tmp_path / "share.key", lambda: now[0])
@@ -203,6 +221,24 @@ def test_a_station_that_others_reach_stays_closed_when_its_last_token_is_revoked
         problem(client.get("/api/flights"), 401)
 
 
+def test_who_takes_back_the_last_token_opens_the_station_to_nobody(
+    make_bench: Callable[..., Bench], tmp_path: Path
+) -> None:
+    file = TokenFile(tmp_path / "tokens.json")
+    boss = file.add("boss", "admin")
+    bench = make_bench(host="127.0.0.1")
+    with serving(bench.app) as client:
+        assert client.get("/api/me", headers=by(boss)).json()["name"] == "boss"
+        file.revoke("boss")
+        problem(client.get("/api/me", headers=by(boss)), 401)
+        problem(client.get("/api/me"), 401)
+        assert TokenFile(tmp_path / "tokens.json").ever()  # as a service that starts now finds it
+        (tmp_path / "tokens.json").unlink()
+        problem(client.get("/api/me"), 401)
+    # Only who deletes the file and starts the service again goes back to a station without tokens.
+    assert not TokenFile(tmp_path / "tokens.json").ever()
+
+
 def test_looking_at_a_link_ends_no_session(bench: Bench, guarded: httpx.Client) -> None:
     flight = bench.record(1, 3, 10**18)
     guarded.post("/api/login", json={"token": TOKEN})
@@ -217,6 +253,7 @@ def test_strangers_cannot_push_out_what_others_did(tmp_path: Path) -> None:
     audit.note("anna", "operator", "1", "DELETE", "/api/flights/x", 200)
     for number in range(20_000):
         audit.note("", "", str(number), "POST", "/api/" + "x" * 60_000, 401)
+    audit.flush()
     assert len((tmp_path / "audit.jsonl").read_text().splitlines()) == 1
     assert (tmp_path / "refusals.jsonl").stat().st_size < 50_000
     with (tmp_path / "audit.jsonl").open("a") as file:
@@ -229,6 +266,7 @@ def test_refusals_of_a_minute_have_a_few_lines_and_a_count(tmp_path: Path) -> No
     audit = Audit(tmp_path / "audit.jsonl", tmp_path / "refusals.jsonl", lambda: now[0])
 
     def told() -> list[tuple[str, int, int]]:
+        audit.flush()
         lines = [json.loads(line) for line in (tmp_path / "refusals.jsonl").read_text().splitlines()]
         return [(one["who"], one["status"], one.get("count", 1)) for one in lines]
 
@@ -251,12 +289,59 @@ def test_a_link_cannot_push_changes_out_of_the_log(bench: Bench, guarded: httpx.
     for _ in range(100):
         problem(guarded.delete(f"/api/flights/{flight}", headers=by(link)), 403)
         assert guarded.post("/api/logout", headers=by(link)).status_code == 204
+    bench.app.state.access.audit.flush()
     assert len(bench.settings.audit.read_text().splitlines()) == 1
     assert len(bench.settings.refusals.read_text().splitlines()) == 5
     shown = guarded.get("/api/audit", headers=by(TOKEN)).json()
     assert [one["path"].rpartition("/")[2] for one in shown][-1] == "share"
     (change,) = guarded.get("/api/audit?changes=true", headers=by(TOKEN)).json()
     assert (change["path"], change["count"]) == (f"/api/flights/{flight}/share", 1)
+
+
+def test_nobody_who_may_change_things_can_push_changes_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("gcs.access.audit._MOST_BYTES", 2000)
+    now = [0.0]
+    audit = Audit(tmp_path / "audit.jsonl", tmp_path / "refusals.jsonl", lambda: now[0])
+    audit.note("anna", "admin", "1", "DELETE", "/api/vehicles/x", 204)
+    for again in range(1000):
+        for path in ("/api/logout", "/api/login", "/api/vehicles/check", "/api/vehicles/inertia"):
+            audit.note("olga", "operator", "1", "POST", path, 200)
+        audit.note("olga", "operator", "1", "POST", "/api/flights/y/restore", 200)
+        audit.note("olga", "operator", "1", "POST", f"/api/flights/{again}/restore/", 307)
+    assert len(audit.last(10_000, changes_alone=True)) == 1 + 20
+    # Changes that differ have a line each, whatever there were, and no file of them ever goes.
+    for number in range(200):
+        audit.note("olga", "operator", "1", "DELETE", f"/api/flights/{number}", 204)
+    now[0] = 61.0
+    found = audit.last(10_000, changes_alone=True)
+    assert [one["path"] for one in found if one["who"] == "anna"] == ["/api/vehicles/x"]
+    assert {f"/api/flights/{number}" for number in range(200)} <= {one["path"] for one in found}
+    assert sum(one.get("count", 1) for one in found if one["path"].endswith("restore")) == 1000
+    assert len(list(tmp_path.glob("audit*.jsonl"))) > 5
+    assert len(audit.last(3, changes_alone=True)) == 3
+
+
+def test_lines_are_written_by_nobody_who_is_asked_and_none_is_lost_at_the_end(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    held, by_threads = threading.Event(), set[str]()
+    append = _File.append
+
+    def slow(file: _File, line: dict[str, Any]) -> None:
+        held.wait()
+        by_threads.add(threading.current_thread().name)
+        append(file, line)
+
+    monkeypatch.setattr(_File, "append", slow)
+    flight = bench.record(1, 3, 10**18)
+    with serving(bench.app) as client:
+        for number in range(30):
+            answer = client.patch(f"/api/flights/{flight}", json={"title": str(number)}, headers=by(TOKEN))
+            assert answer.status_code == 200  # while the disk hangs
+        held.set()
+    lines = [json.loads(line) for line in bench.settings.audit.read_text().splitlines()]
+    assert sum(one.get("count", 1) for one in lines) == 30
+    assert by_threads == {"audit"}
 
 
 def test_wrong_tokens_have_to_wait(bench: Bench, guarded: httpx.Client) -> None:
@@ -267,11 +352,18 @@ def test_wrong_tokens_have_to_wait(bench: Bench, guarded: httpx.Client) -> None:
     assert again == [401] * (MOST + 2)
     answers = [guarded.get("/api/flights", headers=by(f"wrong{k}")).status_code for k in range(MOST + 1)]
     assert answers == [401] * (MOST - 1) + [429] * 2
-    # Even the right one, for who tries many finds it else; but not who has come with it before.
-    late = guarded.get("/api/flights", headers=by(TOKEN))
+    late = guarded.get("/api/flights", headers=by("wrong"))
     assert "too many wrong tokens" in problem(late, 429)
-    assert guarded.get("/api/flights", headers=by(anna)).status_code == 200
     assert 0 < int(late.headers["retry-after"]) <= 60
+    # Good ones that never came before pass, of every kind, whatever others at their address try.
+    bert = TokenFile(bench.settings.tokens).add("bert", "operator")
+    flight = bench.record(1, 3, 10**18)
+    link = guarded.post(f"/api/flights/{flight}/share", json={}, headers=by(bert)).json()["path"].rpartition("/")[2]
+    for good, url in ((anna, "/api/flights"), (TOKEN, "/api/flights"), (link, f"/api/flights/{flight}")):
+        assert guarded.get(url, headers=by(good)).status_code == 200
+        assert guarded.post("/api/login", json={"token": good}).status_code == 200
+    guarded.cookies.clear()
+    problem(guarded.post("/api/login", json={"token": "wrong-again"}), 429)
     assert guarded.get("/api/health").status_code == 200
 
 

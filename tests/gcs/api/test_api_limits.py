@@ -23,9 +23,10 @@ from patience import PATIENCE_S
 from serving import serving
 from traffic import wait_until
 
-from gcs.api import live
+from gcs.access.token_file import TokenFile
 from gcs.api.bodies import BodyLimit
 from gcs.api.connections import limited
+from gcs.jobs.places import Places
 from gcs.jobs.uploads import Uploads
 from gcs.recording.storage import StorageOptions
 
@@ -139,7 +140,10 @@ def test_a_recording_of_after_2262_is_refused_in_words(bench: Bench, client: htt
     assert not bench.catalogue.flights()
 
 
-def test_uploads_have_so_many_places_and_leave_threads_to_others(bench: Bench, client: httpx.Client) -> None:
+def test_uploads_have_so_many_places_and_leave_threads_to_others(
+    bench: Bench, client: httpx.Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("gcs.jobs.uploads._MOST_OF_ONE", 8)
     service = bench.app.state.service
     service.uploads = Uploads(bench.settings, bench.catalogue, (sys.executable, "-c", "import time; time.sleep(600)"))
 
@@ -154,7 +158,7 @@ def test_uploads_have_so_many_places_and_leave_threads_to_others(bench: Bench, c
         service.uploads.close()
         answers = [one.result() for one in sent]
     for one in refused:
-        assert "8 other files are being taken in; send this one again" in problem(one, 503)
+        assert "8 files are being taken in already; come again" in problem(one, 503)
         assert one.headers["retry-after"] == "30"
     assert Counter(problem(one, 503).partition(";")[0] for one in answers)["the service is being stopped"] == 8
     assert bench.catalogue.flights() == []
@@ -248,15 +252,13 @@ def test_beyond_the_limit_those_end_too_that_do_not_read(bench: Bench) -> None:
         assert wait_until(small_one)
 
 
-def test_only_so_many_follow_the_flight_and_a_place_that_is_left_is_free(
-    client: httpx.Client, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(live, "_MOST_FOLLOWING", 2)
+def test_only_so_many_follow_the_flight_and_a_place_that_is_left_is_free(bench: Bench, client: httpx.Client) -> None:
+    bench.app.state.service.following = Places(2, 2, "streams are followed")
     with ExitStack() as held:
         followers = [held.enter_context(connect(client)) for _ in range(2)]
         for one in followers:
             assert ask(one, "/api/live/stream").startswith(b"HTTP/1.1 200")
-        assert "2 clients follow the flight already" in problem(client.get("/api/live/stream"), 503)
+        assert "2 streams are followed already" in problem(client.get("/api/live/stream"), 503)
         followers[0].close()
 
         def follows() -> bool:
@@ -264,6 +266,59 @@ def test_only_so_many_follow_the_flight_and_a_place_that_is_left_is_free(
                 return ask(another, "/api/live/stream").startswith(b"HTTP/1.1 200")
 
         wait_until(follows)
+
+
+def by(token: str) -> dict[str, str]:
+    return {"Authorization": f"Bearer {token}"}
+
+
+def test_nobody_takes_all_streams_of_events(make_bench: Callable[..., Bench]) -> None:
+    bench = make_bench()
+    vera, anna = (TokenFile(bench.settings.tokens).add(name, "viewer") for name in ("vera", "anna"))
+    with serving(bench.app) as client, ExitStack() as held:
+        url = f"{client.base_url}/api/live/stream"
+
+        def follow(token: str) -> int:
+            stream = httpx.stream("GET", url, headers=by(token), timeout=PATIENCE_S)
+            return held.enter_context(stream).status_code
+
+        assert [follow(vera) for _ in range(8)] == [200] * 8
+        refused = client.get(url, headers=by(vera))
+        assert "8 streams are followed by vera already" in problem(refused, 503)
+        assert refused.headers["retry-after"] == "30"
+        assert follow(anna) == 200
+
+
+def test_nobody_takes_all_places_of_uploads(make_bench: Callable[..., Bench]) -> None:
+    bench = make_bench()
+    olga, otto = (TokenFile(bench.settings.tokens).add(name, "operator") for name in ("olga", "otto"))
+    with serving(bench.app) as client, ExitStack() as held:
+        for _ in range(3):
+            one = held.enter_context(connect(client))
+            head = f"POST /api/flights?name=a.bin HTTP/1.1\r\nHost: localhost\r\nAuthorization: Bearer {olga}"
+            one.sendall(f"{head}\r\nContent-Length: 500000\r\n\r\nabc".encode())
+        wait_until(lambda: len(list(bench.settings.data.glob("upload-*"))) == 3)
+        refused = client.post("/api/flights?name=a.tlog", content=b"x", headers=by(olga))
+        assert "3 files are being taken in by olga already" in problem(refused, 503)
+        assert refused.headers["retry-after"] == "30"
+        problem(client.post("/api/flights?name=a.tlog", content=b"x", headers=by(otto)), 422)
+
+
+def test_an_upload_that_only_drips_gives_its_place_back(
+    bench: Bench, client: httpx.Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("gcs.api.upload._WATCHED_S", 0.2)
+    with connect(client) as one:
+        head = "POST /api/flights?name=a.bin HTTP/1.1\r\nHost: localhost\r\nContent-Length: 500000"
+        one.sendall(f"{head}\r\n\r\n".encode())
+        one.settimeout(0.02)
+        answer = b""
+        while not answer:
+            one.sendall(b"x")
+            with contextlib.suppress(TimeoutError):
+                answer = one.recv(1000)
+    assert answer.startswith(b"HTTP/1.1 408")
+    wait_until(lambda: not list(bench.settings.data.glob("upload-*")))
 
 
 def test_who_logs_in_sends_a_token_and_no_more(client: httpx.Client) -> None:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from dataflash import a_log
+from dataflash import a_log, as_text, closed
 from processes import run
-from pymavlink.DFReader import DFReader_binary, DFReader_text
+from pymavlink.DFReader import DFReader_text
 
 from gcs.errors import ImportFileError
 from gcs.flights.signals import extract
@@ -18,26 +17,12 @@ from gcs.recording.reader import Recording
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 
 
-def closed(reader: Any) -> None:
-    """What pymavlink leaves open."""
-    reader.data_map.close()
-    reader.filehandle.close()
-
-
 @pytest.fixture(scope="module")
 def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """log.bin, and log.log with what pymavlink reads of it, a line for each message."""
     folder = tmp_path_factory.mktemp("text")
     (folder / "log.bin").write_bytes(a_log().data)
-    reader, lines = DFReader_binary(str(folder / "log.bin")), []
-    while (message := reader.recv_msg()) is not None:
-        values = [getattr(message, name) for name in message.fmt.columns]
-        words = [
-            one if isinstance(one, str) else f"{one:.9g}" if isinstance(one, float) else str(one) for one in values
-        ]
-        lines.append(", ".join([message.get_type(), *words]))
-    closed(reader)
-    (folder / "log.log").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    (folder / "log.log").write_text(as_text(folder / "log.bin"), encoding="utf-8")
     return folder
 
 
