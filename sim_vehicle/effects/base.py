@@ -65,7 +65,9 @@ class Parameter:
     default: value taken when none is given; None means it must be given.
     fitted: False for shape constants that flights cannot identify (the sharpness of a stall), and for choices.
     choices: the names, empty for a number. moment: whether it is a moment of the flight, sought all over it.
-    step: for difference quotients; wider than usual where outputs are smooth only on the average.
+    step: for difference quotients; wider than usual where outputs are smooth only on the average. usual: standard
+    deviation that it has from aircraft to aircraft, of what is weighed, computed or calibrated before the flight; 0
+    where nothing is known before it.
     """
 
     name: str
@@ -78,6 +80,7 @@ class Parameter:
     choices: tuple[str, ...] = ()
     moment: bool = False
     step: float = 1e-5
+    usual: float = 0.0
 
     def number(self, value: float | str) -> float:
         """`value` as a number: a name of `choices` as its place among them. Raises ValueError for no such name."""

@@ -25,7 +25,7 @@ DENSITY_ERROR = Effect(
     "density_error",
     "error of the air density",
     Stage.ENVIRONMENT,
-    (Parameter("scale", "1", -0.3, 0.3, starts=(0.0,)),),
+    (Parameter("scale", "1", -0.3, 0.3, starts=(0.0,), usual=0.05),),
     "barometer and thermometer",
     alias="all coefficients together",
     needs=(Need.CALIBRATED_AIRSPEED,),

@@ -6,7 +6,7 @@ MASS_ERROR = Effect(
     "mass_error",
     "error of the mass",
     Stage.INERTIA,
-    (Parameter("scale", "1", -0.4, 0.4, starts=(0.0,)),),
+    (Parameter("scale", "1", -0.4, 0.4, starts=(0.0,), usual=0.03),),
     "weigh the aircraft; throttle steps",
     phrase="the true mass differs by {scale:%} from the vehicle file's",
 )
@@ -14,7 +14,7 @@ INERTIA_ERROR = Effect(
     "inertia_error",
     "error of the moments of inertia",
     Stage.INERTIA,
-    (Parameter("scale", "1", -0.5, 0.5, starts=(0.0,)),),
+    (Parameter("scale", "1", -0.5, 0.5, starts=(0.0,), usual=0.1),),
     "bifilar swing test",
     alias="all moment coefficients together",
     phrase="the true moments of inertia differ by {scale:%} from the vehicle file's",

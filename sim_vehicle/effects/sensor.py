@@ -43,8 +43,8 @@ AIRSPEED_ERROR = Effect(
     "error of the airspeed reading",
     Stage.SENSOR,
     (
-        Parameter("scale", "1", -0.4, 0.4, starts=(0.0,), default=0.0),
-        Parameter("bias", "m/s", -5.0, 5.0, starts=(0.0,), default=0.0),
+        Parameter("scale", "1", -0.4, 0.4, starts=(0.0,), default=0.0, usual=0.05),
+        Parameter("bias", "m/s", -5.0, 5.0, starts=(0.0,), default=0.0, usual=1.0),
     ),
     "a GPS triangle or orbit",
     phrase="the airspeed reading errs by {scale:%} and {bias:m/s}",

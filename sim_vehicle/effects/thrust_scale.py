@@ -7,7 +7,7 @@ THRUST_SCALE = Effect(
     "thrust_scale",
     "error of the thrust scale",
     Stage.PROPULSION,
-    (Parameter("scale", "1", -0.5, 0.5, starts=(0.0,)),),
+    (Parameter("scale", "1", -0.5, 0.5, starts=(0.0,), usual=0.07),),
     "power-off glide and throttle steps; weigh the aircraft",
     phrase="true thrust differs by {scale:%} from what is assumed",
 )

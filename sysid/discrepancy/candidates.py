@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
@@ -21,6 +21,8 @@ _EVENTS = 3
 # Above this height nothing is left of the ground's effect.
 _LOW_SPANS = 2.0
 
+# Standard errors about its default in which a parameter that an effect does without is left out.
+_ABSENT = 2.0
 # A parameter that can be as small as this makes its effect vanish.
 _VANISHES = 1e-3
 
@@ -65,6 +67,29 @@ def happens_in_flight(candidate: Candidate, values: Mapping[str, float], problem
     """Whether the moment of a candidate that has one, at these values by parameter, lies well within some flight."""
     moments = set(candidate.free) - set(candidate.sizes)
     return all(is_in_flight(problem.records, values[name]) for name in moments)
+
+
+def surprise(candidate: Candidate, values: Mapping[str, float]) -> float:
+    """Twice the log likelihood that parameters of these values have lost before the flight, beside usual ones."""
+    usual = {p.name: p.usual for p in candidate.effect.parameters if p.usual}
+    return sum((value / usual[name]) ** 2 for name, value in values.items() if name in usual)
+
+
+def without_absent(candidate: Candidate, values: Mapping[str, tuple[float, float]]) -> Candidate | None:
+    """The candidate without parameters that it does without, where those are as good as absent; None where it needs all
+    of them, or none: a pitot's gain is one cause, its zero another, and both together are not less likely than either.
+
+    values: parameter -> value and standard error. What is left starts from them.
+    """
+    defaults = {p.name: None if candidate.coefficients else p.default for p in candidate.effect.parameters}
+    needed = tuple(
+        name
+        for name, (value, std) in values.items()
+        if (default := defaults[name]) is None or abs(value - default) > _ABSENT * std
+    )
+    if not needed or len(needed) == len(values):
+        return None
+    return replace(candidate, free=needed, starts=({name: values[name][0] for name in needed},))
 
 
 def alone(candidate: Candidate, start: Mapping[str, float], name: str) -> dict[str, float]:

@@ -28,12 +28,17 @@ class Significance:
     p_value: float
 
 
-def by_information_criterion(gains: Sequence[float], sizes: Sequence[int], samples: float) -> list[Significance]:
+def by_information_criterion(
+    gains: Sequence[float], sizes: Sequence[int], samples: float, surprises: Sequence[float] = ()
+) -> list[Significance]:
     """Significance of candidates by the Bayesian information criterion, "no effect" being one of them.
 
     gains: twice the log likelihood that each gains. sizes: parameters that each adds. samples: independent ones.
+    surprises: twice the log likelihood that each has lost before the flight, none by default.
     """
-    scores = [0.0] + [0.5 * (gain - k * math.log(samples)) for gain, k in zip(gains, sizes, strict=True)]
+    lost = surprises or [0.0] * len(gains)
+    scores = [0.0]
+    scores += [0.5 * (g - s - k * math.log(samples)) for g, s, k in zip(gains, lost, sizes, strict=True)]
     top = max(scores)
     shares = [math.exp(score - top) for score in scores]
     total = sum(shares)

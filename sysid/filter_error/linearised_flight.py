@@ -62,6 +62,8 @@ _FLOOR = {"airspeed": 1e-3, "vn": 0.02, "ve": 0.02, "vd": 0.02}
 _LOWEST_NOISE = 1e-5
 # Effects with a memory that the filter's state does not hold.
 _LAGGING = [slot(name) for name, effect in EFFECTS.items() if effect.memory is Remembers.LAG]
+# All that says which sensors are late, and by how much.
+_LATENESS = [slot("sensor_time_skew"), *(slot("sensor_time_skew", name) for name in ("delay", "group"))]
 _AX = OUTPUTS.index("ax")
 _SURFACE_STEP = 1e-3  # rad, small beside what bends an aircraft's motion over a sample
 _GPS_NOISE = 0.1  # m/s; too few samples to read it off them
@@ -195,15 +197,20 @@ class FilteredFlight:
         )
 
     def widened(self, k: int, one: LinearisedRecord, theta: Array, others: Sequence[PackedModel]) -> LinearisedRecord:
-        """`one` with a column more for each other model: how its steps and readings differ along the same path."""
+        """`one` with a column more for each other model: how its steps and readings differ along the same path.
+
+        Of one that is late as the model is both are read ahead, as the filter does; else both with their delays.
+        """
         flat, errors = self.predictor.apply(theta)
         thrust, gains = self._thrust(k, errors), error_gains(errors)
-        ahead, y = self._predicted(k, flat, thrust, *self._surfaces(k, flat))
+        as_read = {ahead: self._predicted(k, flat, thrust, *self._surfaces(k, flat), ahead) for ahead in (True, False)}
         steps, reads = [one.step_theta], [one.read_theta]
         for other in others:
-            there = self._predicted(k, other, thrust, *self._surfaces(k, other), read_ahead=False)
-            steps.append(apart(there[0], ahead)[:, self.free[k], None])
-            reads.append(((there[1] - y) * gains)[:, self.columns, None])
+            read_ahead = bool(np.array_equal(other.E[_LATENESS], flat.E[_LATENESS]))
+            there = self._predicted(k, other, thrust, *self._surfaces(k, other), read_ahead)
+            here = as_read[read_ahead]
+            steps.append(apart(there[0], here[0])[:, self.free[k], None])
+            reads.append(((there[1] - here[1]) * gains)[:, self.columns, None])
         return replace(
             one,
             step_theta=np.concatenate(steps, axis=2),

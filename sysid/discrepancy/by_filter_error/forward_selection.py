@@ -9,10 +9,24 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from sim_vehicle.model.model_file import Model
-from sysid.discrepancy.by_filter_error.candidate_fits import FittedModel, fit_short, rank, wald_statistic
+from sysid.discrepancy.by_filter_error.candidate_fits import (
+    Finalist,
+    FittedModel,
+    fit_full,
+    fit_short,
+    rank,
+    wald_statistic,
+)
 from sysid.discrepancy.by_filter_error.filter_scores import filter_gains
 from sysid.discrepancy.by_filter_error.lack_of_fit import lack_of_fit
-from sysid.discrepancy.candidates import Candidate, candidates, happens_in_flight, stepping_of
+from sysid.discrepancy.candidates import (
+    Candidate,
+    candidates,
+    happens_in_flight,
+    stepping_of,
+    surprise,
+    without_absent,
+)
 from sysid.discrepancy.identified_effect import (
     Named,
     beside_first,
@@ -119,9 +133,14 @@ def extend(search: Search, progress: Progress) -> bool:
     found = [one for one in found if _is_possible(problem, one.candidate, one.result)]
     if not found:
         return False
+    found = [_without_absent(problem, base, one) for one in found]
     samples = float(sum(np.isfinite(one).sum() for one in base.result.residuals))
+    sizes = [{name: value for name, (value, _) in values_of(one.candidate, one.result).items()} for one in found]
     significances = by_information_criterion(
-        [one.shown for one in found], [len(one.candidate.free) for one in found], samples
+        [one.shown for one in found],
+        [len(one.candidate.free) for one in found],
+        samples,
+        [surprise(one.candidate, values) for one, values in zip(found, sizes, strict=True)],
     )
     top = max(range(len(found)), key=lambda i: significances[i].probability)
     best = significances[top]
@@ -153,6 +172,17 @@ def extend(search: Search, progress: Progress) -> bool:
     )
     _add(search, candidate, result)
     return True
+
+
+def _without_absent(problem: Problem, base: FittedModel, whole: Finalist) -> Finalist:
+    """A finalist without parameters that are as good as absent, where the likelihood is as great without them."""
+    fewer = without_absent(whole.candidate, values_of(whole.candidate, whole.result))
+    begun = None if fewer is None else fit_short(problem, base, fewer, fewer.starts[0])
+    if fewer is None or begun is None:
+        return whole
+    result = fit_full(problem, base, fewer, begun)
+    lost = 2.0 * (result.cost - whole.result.cost)
+    return Finalist(fewer, result, whole.gain - lost) if lost < MIN_PROMISE else whole
 
 
 def _is_possible(problem: Problem, candidate: Candidate, result: FilterErrorResult) -> bool:

@@ -19,7 +19,7 @@ from sysid.discrepancy.by_posterior.evidence import (
 from sysid.discrepancy.by_posterior.group_fits import GroupFit
 from sysid.discrepancy.by_posterior.naming_rules import RULES
 from sysid.discrepancy.by_posterior.screening import PredictedGain, RestartGain, promises, second_looks
-from sysid.discrepancy.candidates import Candidate, candidates, stepping_of
+from sysid.discrepancy.candidates import Candidate, candidates, stepping_of, without_absent
 from sysid.discrepancy.identified_effect import Named, beside_first, nearly, within_stamps
 from sysid.discrepancy.naming_rule import KNOWN_TO, LeftOver, is_too_little_beside, left_of_the_first
 from sysid.discrepancy.significance import NAMING_P_VALUE, Significance, is_unlikely, smallest_set
@@ -181,24 +181,12 @@ def _tried(
     promised: Mapping[str, PredictedGain],
     look: tuple[str, RestartGain | None] | None,
 ) -> Trial | None:
-    """A candidate fitted, as `_fitted` does, without parameters that it does without where those are as good as absent:
-    a pitot's gain is one cause, its zero another, and both together are not less likely than either.
-    """
+    """A candidate fitted, as `_fitted` does, without parameters that are as good as absent where that is likelier."""
     whole = _fitted(found, candidate, promised, look)
-    if whole is None:
-        return None
-    defaults = {
-        name: None if candidate.coefficients else candidate.effect.parameter(name).default for name in whole.values
-    }
-    needed = tuple(
-        name
-        for name, (value, std) in whole.values.items()
-        if (default := defaults[name]) is None or abs(value - default) > RULES.absent * std
-    )
-    if not needed or len(needed) == len(whole.values):
+    fewer = None if whole is None else without_absent(candidate, whole.values)
+    if whole is None or fewer is None:
         return whole
-    values = {name: whole.values[name][0] for name in needed}
-    fewer = replace(candidate, free=needed, starts=(values,))
+    (values,) = fewer.starts
     if look is not None and look[1] is not None:
         look = (look[0], replace(look[1], values=values))
     part = _fitted(found, fewer, {group: replace(one, values=values) for group, one in promised.items()}, look)

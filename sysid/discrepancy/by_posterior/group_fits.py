@@ -213,7 +213,7 @@ def fresh_unknown(candidate: Candidate, name: str, start: float) -> Fresh:
     if one.moment:
         return Fresh(start, start, _MOMENT_S, one.low, one.high)
     if is_size(one):
-        return Fresh(start, 0.0, _SIZE * max(abs(one.low), abs(one.high)), one.low, one.high)
+        return Fresh(start, 0.0, one.usual or _SIZE * max(abs(one.low), abs(one.high)), one.low, one.high)
     return Fresh(start, 0.5 * (one.low + one.high), 0.5 * (one.high - one.low), one.low, one.high)
 
 

@@ -13,8 +13,7 @@ class Rules:
     promise, below which a candidate is out of the race. most_tried: candidates fitted at each step.
     least_second_look, most_second_looks: the same from elsewhere, where nothing is at its best, in each group of
     axes. evidence: log evidence that a name needs (150 to 1: "very strong", Kass & Raftery, J. Am. Stat. Assoc. 90,
-    1995). absent: standard errors about its default in which a parameter that an effect does without is left out.
-    borne_out: times Wald's statistic that a gain may be."""
+    1995). borne_out: times Wald's statistic that a gain may be."""
 
     least_promise: float = 12.0
     promise_share: float = 0.1
@@ -22,7 +21,6 @@ class Rules:
     least_second_look: float = 40.0
     most_second_looks: int = 2
     evidence: float = 5.0
-    absent: float = 2.0
     borne_out: float = 4.0
 
 

@@ -45,3 +45,23 @@ def test_what_weighing_has_cleared_is_no_alternative() -> None:
 def test_no_unknown_effect_is_ruled_out() -> None:
     with pytest.raises(ModelFileError, match="unknown effect 'mass'; known are"):
         discrepancy([], load_vehicle("iitb-mav"), read_model("iitb-mav"), ruled_out=["mass"])
+
+
+def test_beside_sensors_that_are_late_smooth_terms_gain_nothing() -> None:
+    """They are read ahead, as the filter reads them: by the delay alone every axis would seem to lack something."""
+    flight = fly_mav("multisine", 3, effects=("sensor_time_skew:delay=0.06,group=vanes",))[0]
+    found = discrepancy([flight], load_vehicle("iitb-mav"), read_model("iitb-mav"))
+    assert [one["name"] for one in found["effects"]] == ["sensor_time_skew"]
+    assert found["effects"][0]["parameters"]["delay"]["value"] == pytest.approx(0.06, abs=5e-4)
+    assert found["left"] == []
+    assert found["complete"]
+
+
+def test_an_airspeed_that_is_wrong_by_a_scale_is_no_other_density() -> None:
+    """Both are the same to the motion of an aircraft whose coefficients are free; an airspeed so wrong is usual."""
+    flight = fly_mav("multisine", 4, effects=("airspeed_error:scale=0.08,bias=0",))[0]
+    found = discrepancy([flight], load_vehicle("iitb-mav"), read_model("iitb-mav"))
+    first = found["effects"][0]
+    assert first["name"] == "airspeed_error"
+    assert list(first["parameters"]) == ["scale"]
+    assert first["parameters"]["scale"]["value"] == pytest.approx(0.08, abs=0.01)
