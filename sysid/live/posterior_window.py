@@ -43,8 +43,8 @@ from sysid.signals.record import SURFACES
 WINDOW_S = 25.0  # that an estimate looks back over
 # The first estimate comes after so much flight; later ones as often as their cost allows, at most so often.
 FIRST_S, EVERY_S = 8.0, 4.0
-# Without a vane the flow angle follows from what gusts and the attitude's errors leave of the kinematics.
-FIRST_WITHOUT_VANES_S = 20.0
+# Without its vane the angle of attack follows from what gusts and the attitude's errors leave of the kinematics.
+FIRST_WITHOUT_ALPHA_S = 20.0
 # A window so long shows whether an autopilot answers gusts, its ends cut.
 _JUDGED_S = SHORTEST_LOOP_S + 0.5
 # Share of one core that estimates may take.
@@ -260,8 +260,8 @@ class SlidingWindow:
     @property
     def first_s(self) -> float:
         """So much flight a first estimate takes."""
-        ends = [self._kept[name][-1][0][-1] for name in _ANGLES if self._kept.get(name)]
-        return FIRST_S if len(ends) == len(_ANGLES) and min(ends) > self._end - _AWAY_S else FIRST_WITHOUT_VANES_S
+        alpha = self._kept.get("alpha")
+        return FIRST_S if alpha and alpha[-1][0][-1] > self._end - _AWAY_S else FIRST_WITHOUT_ALPHA_S
 
     def statuses(self) -> dict[str, CoefficientStatus]:
         """What is known of each coefficient now; nothing before the first estimate."""

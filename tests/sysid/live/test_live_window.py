@@ -15,7 +15,7 @@ from sim_vehicle.vehicle.vehicle_file import Vehicle, load_vehicle
 from sysid.live.identifier import LiveIdentifier, LiveReport
 from sysid.live.posterior_window import (
     FIRST_S,
-    FIRST_WITHOUT_VANES_S,
+    FIRST_WITHOUT_ALPHA_S,
     WINDOW_S,
     SlidingWindow,
     WindowEstimate,
@@ -92,11 +92,21 @@ def test_an_aircraft_without_vanes_is_known_after_twenty_seconds(field: FieldFli
     reports = told(replace(field.signals, signals=kept), field.vehicle, 24.0)
     begin = next(report.time_s for report in reports if np.isfinite(report.time_s))
     for report in reports:
-        if report.time_s < begin + FIRST_WITHOUT_VANES_S - 1.0:
+        if report.time_s < begin + FIRST_WITHOUT_ALPHA_S - 1.0:
             assert not any(one.known for one in report.coefficients.values())
     assert any("after 20 s of flight" in one.why for one in reports[5].coefficients.values())
     known = {name: one for name, one in reports[-1].coefficients.items() if one.known and name in field.excited}
     assert len(known) >= 0.6 * len(field.excited)
+    for name, one in known.items():
+        low, high = field.truth[name]
+        assert max(low - one.value, one.value - high) < 3.5 * one.std, name
+
+
+def test_an_aircraft_without_a_sideslip_vane_is_known_as_soon_as_with_one(field: FieldFlight) -> None:
+    kept = {name: one for name, one in field.signals.signals.items() if name != "beta"}
+    reports = told(replace(field.signals, signals=kept), field.vehicle, 14.0)
+    known = {name: one for name, one in reports[-1].coefficients.items() if one.known and name in field.excited}
+    assert len(known) >= 0.5 * len(field.excited)
     for name, one in known.items():
         low, high = field.truth[name]
         assert max(low - one.value, one.value - high) < 3.5 * one.std, name
