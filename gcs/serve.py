@@ -28,6 +28,7 @@ from gcs.catalogue.sole_user import sole_user
 from gcs.catalogue.store import Catalogue
 from gcs.errors import CatalogueFileError, GcsError, ServiceError
 from gcs.jobs.flightviews import FlightViews
+from gcs.jobs.programs import begin_no_more
 from gcs.jobs.runner import JobRunner
 from gcs.links.opening import Link, open_links
 from gcs.live.feed import LiveFeed
@@ -208,7 +209,12 @@ def serve(settings: Settings, announce: Callable[[str], None]) -> None:
             app = create_app(settings, catalogue, station, jobs, (retention, recovery, live), live, views)
             config = _configuration(app, settings, protocol)
             log_sparingly()  # behind the configuration, which makes handlers of its own
-            server = Server(config, live, Supervisor(), lambda: station.alive, app.state.service.stop, tls)
+
+            def stop() -> None:
+                begin_no_more()
+                app.state.service.stop()
+
+            server = Server(config, live, Supervisor(), lambda: station.alive, stop, tls)
             scheme = "http" if tls is None else "https"
             host = f"[{settings.host}]" if ":" in settings.host else settings.host
             with closing(retention):

@@ -87,9 +87,9 @@ class Settings:
         return self.data / "tokens.json"
 
     @property
-    def share_key(self) -> Path:
-        """The key that shared links are signed with."""
-        return self.data / "share.key"
+    def shares(self) -> Path:
+        """The file of shared links."""
+        return self.data / "shares.json"
 
     @property
     def audit(self) -> Path:

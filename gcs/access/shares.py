@@ -1,87 +1,91 @@
-"""Links that show one flight for some days to whoever has them: signed, nothing is kept of them."""
+"""Links that show one flight for some days to whoever has them: each is listed with its maker, and can be revoked."""
 
 from __future__ import annotations
 
-import base64
 import hashlib
 import hmac
-import os
 import secrets
 import time
 from collections.abc import Callable
-from contextlib import suppress
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from gcs.access.roles import Identity, Role
+from gcs.access.private_file import PrivateFile
 from gcs.errors import SettingsError
 
 PREFIX = "share."
 _DAY_S = 86400.0
 LONGEST_DAYS = 366.0
-_KEY_BYTES = 32
+# Links of one maker that hold at a time.
+_MOST_OF_ONE = 200
+
+
+@dataclass(frozen=True)
+class KnownShare:
+    """One link. maker: the name of a token; since: when that was made, UTC s, 0 for one that is in no file.
+
+    sha256: of its token. made, expires: UTC, s.
+    """
+
+    id: str
+    maker: str
+    since: float
+    flight: str
+    made: float
+    expires: float
+    sha256: str
+
+    def shown(self) -> dict[str, object]:
+        """What may be shown of it."""
+        return {key: value for key, value in asdict(self).items() if key not in ("sha256", "since")}
 
 
 class Shares:
-    """Makes and reads the tokens of such links.
+    """The links of a station. path: their file, which need not be there. clock: UTC, s."""
 
-    key: file with the key of the signatures, made when the first link is; to delete it ends all of them. clock: UTC, s.
-    """
+    def __init__(self, path: Path, clock: Callable[[], float] = time.time) -> None:
+        self._clock = clock
+        self._file = PrivateFile(path, "shares", lambda entry: KnownShare(**entry))
 
-    def __init__(self, key: Path, clock: Callable[[], float] = time.time) -> None:
-        self._file, self._clock = key, clock
+    def known(self) -> tuple[KnownShare, ...]:
+        """All that have not expired, in the order in which they were made. SettingsError for a file that is none."""
+        return tuple(one for one in self._file.entries() if self._clock() < one.expires)
 
-    def make(self, flight: str, days: float) -> tuple[str, float]:
-        """Token of a link to a flight, and until when it holds, UTC s. SettingsError where that is too long."""
+    def make(self, flight: str, days: float, maker: str, since: float = 0.0) -> tuple[str, KnownShare]:
+        """Token of a new link to a flight, and its entry. SettingsError for one too long, or one too many."""
         if not 0.0 < days <= LONGEST_DAYS:
             raise SettingsError(f"days {days:g}: a link holds for more than 0 and up to {LONGEST_DAYS:g} days")
-        expires = int(self._clock() + days * _DAY_S)
-        claim = f"{_coded(flight.encode())}.{expires}"
-        return f"{PREFIX}{claim}.{_coded(self._signed(claim, self._key(make=True)))}", float(expires)
+        token, now = f"{PREFIX}{secrets.token_urlsafe(32)}", self._clock()
+        made = KnownShare(
+            secrets.token_hex(4), maker, since, flight, now, float(int(now + days * _DAY_S)), _hash(token)
+        )
+        with self._file.alone():
+            known = self.known()
+            if sum((one.maker, one.since) == (maker, since) for one in known) >= _MOST_OF_ONE:
+                raise SettingsError(f"{maker} has {_MOST_OF_ONE} links already; revoke some first")
+            self._file.write([asdict(one) for one in (*known, made)])
+        return token, made
 
-    def identify(self, text: str) -> Identity | None:
-        """Who comes with a link; None where it is forged, has expired or is none."""
-        claim, _, signature = text.removeprefix(PREFIX).rpartition(".")
-        key = self._key(make=False) if text.startswith(PREFIX) else b""
-        if not key or not hmac.compare_digest(
-            _coded(self._signed(claim, key)).encode(), signature.encode(errors="replace")
-        ):
+    def revoke(self, share_id: str) -> None:
+        """End a link. SettingsError where there is none of that id."""
+        with self._file.alone():
+            known = self.known()
+            left = [asdict(one) for one in known if one.id != share_id]
+            if len(left) == len(known):
+                raise SettingsError(f"there is no link {share_id}; gcs token links shows those that there are")
+            self._file.write(left)
+
+    def find(self, text: str) -> KnownShare | None:
+        """The link that a text is the token of, None for none and one that is over."""
+        if not text.startswith(PREFIX):
             return None
-        flight, _, expires = claim.partition(".")
-        if self._clock() >= int(expires):
-            return None
-        name = base64.urlsafe_b64decode(flight + "=" * (-len(flight) % 4)).decode()
-        return Identity(f"link to {name}", Role.VIEWER, name)
-
-    def _signed(self, claim: str, key: bytes) -> bytes:
-        return hmac.new(key, claim.encode(), hashlib.sha256).digest()
-
-    def _key(self, *, make: bool) -> bytes:
-        try:
-            key = self._file.read_bytes()
-        except FileNotFoundError:
-            if not make:
-                return b""
-            key = self._made()
-        except OSError as error:
-            raise SettingsError(f"{self._file}: the key of shared links cannot be read: {error.strerror}") from error
-        if len(key) != _KEY_BYTES:
-            raise SettingsError(f"{self._file}: is no key of shared links; delete it, which ends those that there are")
-        return key
-
-    def _made(self) -> bytes:
-        """A new key, or that of another process which was first; it is there as a whole or not at all."""
-        beside = self._file.with_name(f"{self._file.name}.{secrets.token_hex(4)}")
-        try:
-            with os.fdopen(os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
-                file.write(secrets.token_bytes(_KEY_BYTES))
-            with suppress(FileExistsError):
-                os.link(beside, self._file)
-            return self._file.read_bytes()
-        except OSError as error:
-            raise SettingsError(f"{self._file}: no key for shared links can be made: {error.strerror}") from error
-        finally:
-            beside.unlink(missing_ok=True)
+        given, found = _hash(text), None
+        for one in self.known():
+            # All are compared, so that the time taken says nothing.
+            if hmac.compare_digest(one.sha256, given):
+                found = one
+        return found
 
 
-def _coded(data: bytes) -> str:
-    return base64.urlsafe_b64encode(data).decode().rstrip("=")
+def _hash(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()

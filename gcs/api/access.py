@@ -7,10 +7,10 @@ from typing import Annotated, cast
 from fastapi import APIRouter, HTTPException, Query, Request
 from fastapi.responses import JSONResponse, Response
 
-from gcs.access.roles import Identity
-from gcs.access.shares import PREFIX
+from gcs.access.roles import Identity, Role
+from gcs.access.shares import PREFIX, KnownShare
 from gcs.access.token_file import without_hash
-from gcs.api.access_schemas import AuditLine, Login, Me, Share, ShareRequest, TokenEntry
+from gcs.api.access_schemas import AuditLine, Login, Me, Share, ShareEntry, ShareRequest, TokenEntry
 from gcs.api.schemas.problem import Problem
 from gcs.api.security import COOKIE, LOCAL, SHARE_COOKIE, Access, RefusedError, address_of
 from gcs.api.service import Serving
@@ -62,8 +62,30 @@ async def me(request: Request) -> Me:
 def share(request: Request, service: Serving, flight_id: str, body: ShareRequest) -> Share:
     """A link that shows this flight and its results to whoever has it, for some days, and nothing else."""
     service.catalogue.flight(flight_id)
-    token, expires = _access(request).shares.make(flight_id, body.days)
-    return Share(path=f"/#/shared/{token}", expires=expires)
+    token, made = _access(request).share(request.state.identity, flight_id, body.days)
+    return Share(id=made.id, path=f"/#/shared/{token}", expires=made.expires)
+
+
+@router.get("/api/shares")
+def shares(request: Request) -> list[ShareEntry]:
+    """The links that hold: to administrators all, to others those that they made."""
+    return [ShareEntry.model_validate(one.shown()) for one in _links_of(request)]
+
+
+@router.delete("/api/shares/{share_id}", status_code=204, responses={404: {"model": Problem}})
+def revoke_share(request: Request, share_id: str) -> None:
+    """End a link at once: an administrator any, others one that they made."""
+    if not any(one.id == share_id for one in _links_of(request)):
+        raise HTTPException(404, f"you have no link {share_id}; GET /api/shares lists those that there are")
+    _access(request).shares.revoke(share_id)
+
+
+def _links_of(request: Request) -> list[KnownShare]:
+    access, who = _access(request), request.state.identity
+    try:
+        return [one for one in access.links() if who.role is Role.ADMIN or one.maker == who.name]
+    except SettingsError as error:
+        raise HTTPException(503, str(error)) from None
 
 
 @router.get("/api/tokens")

@@ -34,9 +34,20 @@ class ShareRequest(BaseModel):
 
 
 class Share(BaseModel):
-    """A link, below the address of the station, and until when it holds, UTC s."""
+    """A link, below the address of the station, by which id it is revoked, and until when it holds, UTC s."""
 
+    id: str
     path: str
+    expires: float
+
+
+class ShareEntry(BaseModel):
+    """A link that holds, without its token. maker: name of the token that it ends with. Times: UTC s."""
+
+    id: str
+    maker: str
+    flight: str
+    made: float
     expires: float
 
 

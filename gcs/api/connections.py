@@ -136,7 +136,7 @@ class BoundedProtocol(H11Protocol):
             last = message["type"] == "http.response.body" and not message.get("more_body", False)
             if last and self._over:  # who is cut off while it sends may not see the answer
                 await send({**message, "more_body": True})
-                with suppress(TimeoutError):
+                with suppress(TimeoutError, asyncio.CancelledError):  # a stop does not wait either
                     await asyncio.wait_for(self._lost.wait(), self.linger_s)
                 message = {"type": "http.response.body", "body": b""}
             await send(message)

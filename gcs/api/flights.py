@@ -10,6 +10,7 @@ from fastapi import APIRouter, Query, Request
 from fastapi.responses import FileResponse
 from starlette.concurrency import run_in_threadpool
 
+from gcs.api.link_view import seen_by
 from gcs.api.schemas.design import Planned, PlannedCoefficient
 from gcs.api.schemas.flights import ChosenVehicle, FlightItem, FlightNotesChange, FlightPage, FlightSummary, Uploaded
 from gcs.api.schemas.jobs import JobView
@@ -181,13 +182,14 @@ def flight(request: Request, service: Serving, flight_id: str) -> FlightSummary:
             "used": service.catalogue.used_parts(flight_id),
         }
     )
-    return _of_a_link(whole) if request.state.identity.flight else whole
+    return _of_a_link(request, whole) if request.state.identity.flight else whole
 
 
-def _of_a_link(whole: FlightSummary) -> FlightSummary:
+def _of_a_link(request: Request, whole: FlightSummary) -> FlightSummary:
     """Without who asked for jobs from where, which other flights there are, and which board it was."""
     aircraft = whole.aircraft.model_copy(update={"why": "", "problem": ""})
-    return whole.model_copy(update={"jobs": [], "ground": [], "follows": None, "board": None, "aircraft": aircraft})
+    thin = whole.model_copy(update={"jobs": [], "ground": [], "follows": None, "board": None, "aircraft": aircraft})
+    return FlightSummary.model_validate(seen_by(request, thin.model_dump()))
 
 
 def _aircraft(service: Service, flight: Flight) -> ChosenVehicle:
@@ -202,7 +204,7 @@ def _aircraft(service: Service, flight: Flight) -> ChosenVehicle:
 
 
 @router.get("/api/flights/{flight_id}/planned", responses={404: _PROBLEM})
-def planned(service: Serving, flight_id: str) -> Planned:
+def planned(request: Request, service: Serving, flight_id: str) -> Planned:
     """The newest plan of the same aircraft that was there when the flight began, held against its newest model."""
     found = service.catalogue.flight(flight_id)
     job, result = service.catalogue.job_and_result(flight_id, "identify")
@@ -212,7 +214,7 @@ def planned(service: Serving, flight_id: str) -> Planned:
     if plan is None:
         raise CatalogueError(f"no flight of this aircraft was planned before flight {flight_id}")
     promised = {entry["name"]: entry["std"] for entry in plan["json"]["coefficients"]}
-    return Planned(
+    held_against = Planned(
         flight=plan["flight_id"],
         made=utc_text(plan["created_ns"]),
         gusts=float(plan["json"].get("gusts") or 0.0),
@@ -221,6 +223,7 @@ def planned(service: Serving, flight_id: str) -> Planned:
             for name, std in promised.items()
         ],
     )
+    return Planned.model_validate(seen_by(request, held_against.model_dump()))
 
 
 @router.patch("/api/flights/{flight_id}", responses={404: _PROBLEM, 409: _PROBLEM, 422: _PROBLEM})

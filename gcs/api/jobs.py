@@ -9,6 +9,7 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import HTMLResponse, Response
 from pydantic import ValidationError
 
+from gcs.api.link_view import seen_by
 from gcs.api.schemas.design import PlanUpload
 from gcs.api.schemas.jobs import JobChanges, JobRequest, JobView, ModelItem
 from gcs.api.schemas.problem import Problem
@@ -78,24 +79,24 @@ def delete(service: Serving, job_id: str) -> None:
 
 
 @router.get("/api/flights/{flight_id}/identification", responses=_MISSING)
-def identification(service: Serving, flight_id: str, job: OfJob = None) -> dict[str, Any]:
+def identification(request: Request, service: Serving, flight_id: str, job: OfJob = None) -> dict[str, Any]:
     """Newest result of schema identification/1, or that of one job."""
     service.catalogue.flight(flight_id)
-    return service.catalogue.result(flight_id, "identify", job)
+    return seen_by(request, service.catalogue.result(flight_id, "identify", job))
 
 
 @router.get("/api/flights/{flight_id}/discrepancy", responses=_MISSING)
-def discrepancy(service: Serving, flight_id: str, job: OfJob = None) -> dict[str, Any]:
+def discrepancy(request: Request, service: Serving, flight_id: str, job: OfJob = None) -> dict[str, Any]:
     """Newest result of schema discrepancy/1, or that of one job."""
     service.catalogue.flight(flight_id)
-    return service.catalogue.result(flight_id, "discrepancy", job)
+    return seen_by(request, service.catalogue.result(flight_id, "discrepancy", job))
 
 
 @router.get("/api/flights/{flight_id}/design", responses=_MISSING)
-def design(service: Serving, flight_id: str, job: OfJob = None) -> dict[str, Any]:
+def design(request: Request, service: Serving, flight_id: str, job: OfJob = None) -> dict[str, Any]:
     """The newest plan of a next flight, of schema design/1, or that of one job; its forms for a board stand in it."""
     service.catalogue.flight(flight_id)
-    return service.catalogue.result(flight_id, "design", job)
+    return seen_by(request, service.catalogue.result(flight_id, "design", job))
 
 
 @router.post("/api/flights/{flight_id}/design/upload", responses={**_MISSING, 409: {"model": Problem}})
@@ -117,6 +118,7 @@ def upload_design(service: Serving, flight_id: str, job: OfJob = None) -> PlanUp
 
 @router.get("/api/flights/{flight_id}/report", response_class=HTMLResponse, responses=_MISSING)
 def report(
+    request: Request,
     service: Serving,
     flight_id: str,
     of: Annotated[Literal["identification", "discrepancy"], Query(description="Which result")] = "identification",
@@ -124,7 +126,7 @@ def report(
 ) -> HTMLResponse:
     """The newest result, or one job's, as one page to read, print and keep: style and figures inside, no scripts."""
     service.catalogue.flight(flight_id)
-    result = service.catalogue.result(flight_id, _KINDS[of], job)
+    result = seen_by(request, service.catalogue.result(flight_id, _KINDS[of], job))
     return HTMLResponse(service.reports.page(result), headers={"Content-Security-Policy": _PAGE_POLICY})
 
 

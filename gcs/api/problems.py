@@ -15,6 +15,7 @@ from starlette.exceptions import HTTPException
 from gcs.api.schemas.jobs import JobChanges
 from gcs.errors import (
     BusyError,
+    CatalogueBusyError,
     CatalogueError,
     CatalogueFileError,
     ExportError,
@@ -67,7 +68,7 @@ def problem_response(
 
 def _named(request: Request, error: Exception) -> Response:
     status = next(status for kind, status in _STATUS if isinstance(error, kind))
-    return problem_response(status, str(error), LATER if isinstance(error, BusyError) else None)
+    return problem_response(status, str(error), LATER if isinstance(error, BusyError | CatalogueBusyError) else None)
 
 
 def _http(request: Request, error: Exception) -> Response:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import re
 import secrets
@@ -10,7 +11,8 @@ import time
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from gcs.api.problems import unexpected_problem
+from gcs.api.problems import LATER, problem_response, unexpected_problem
+from gcs.jobs.programs import STOPPED
 from gcs.text.json_log import ACCESS_LOG, REQUEST_ID
 
 HEADER = "X-Request-ID"
@@ -46,6 +48,9 @@ class RequestIds:
 
         try:
             await self._app(scope, receive, named)
+        except asyncio.CancelledError:  # uvicorn waits for nobody any longer, and would answer in plain text
+            if status is None:
+                await problem_response(503, STOPPED, LATER)(scope, receive, named)
         except Exception:
             if status is None:
                 await unexpected_problem()(scope, receive, named)

@@ -12,9 +12,10 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from gcs.access.audit import Audit
 from gcs.access.failures import Failures
-from gcs.access.roles import Identity, Role, least_role
-from gcs.access.shares import Shares
-from gcs.access.token_file import TokenFile
+from gcs.access.roles import ROLES, Identity, Role, least_role
+from gcs.access.shares import PREFIX as SHARE
+from gcs.access.shares import KnownShare, Shares
+from gcs.access.token_file import STATION, TokenFile
 from gcs.api.problems import problem_response
 from gcs.errors import SettingsError
 from gcs.page.assets import PREFIX
@@ -34,8 +35,12 @@ COOKIE, SHARE_COOKIE = "gcs_token", "gcs_share"
 _READING = ("GET", "HEAD", "OPTIONS")
 _REFUSED = (401, 403, 429)
 _BEARER = {"WWW-Authenticate": "Bearer"}
+# Who may make links.
+_SHARING = least_role("POST", "/api/flights/ID/share")
 LOCAL = Identity("this computer", Role.ADMIN)
-_STATION = "GCS_TOKEN"
+_NO_LINK = (
+    "this link has ended, was revoked, or is of a version that kept no list of links; ask who sent it for another"
+)
 
 
 class Access:
@@ -44,7 +49,7 @@ class Access:
     def __init__(self, settings: Settings) -> None:
         self._token, self._closed = settings.token, not is_loopback(settings.host)
         self.tokens = TokenFile(settings.tokens)
-        self.shares = Shares(settings.share_key)
+        self.shares = Shares(settings.shares)
         self.failures = Failures()
         self.audit = Audit(settings.audit, settings.refusals)
 
@@ -56,8 +61,31 @@ class Access:
     def identify(self, text: str) -> Identity | None:
         """Whose token a text is. SettingsError where the station's files cannot be read."""
         if self._token is not None and hmac.compare_digest(text.encode(), self._token.encode()):
-            return Identity(_STATION, Role.ADMIN)
-        return self.tokens.identify(text) or self.shares.identify(text)
+            return Identity(STATION, Role.ADMIN)
+        return self.tokens.identify(text) or self._visitor(text)
+
+    def share(self, identity: Identity, flight: str, days: float) -> tuple[str, KnownShare]:
+        """Token of a new link to a flight, which holds no longer than its maker may share, and its entry."""
+        token = self.tokens.good(identity.name)
+        return self.shares.make(flight, days, identity.name, 0.0 if token is None else token.created)
+
+    def links(self) -> list[KnownShare]:
+        """The links that hold."""
+        return [one for one in self.shares.known() if self._holds(one)]
+
+    def _visitor(self, text: str) -> Identity | None:
+        """Who comes with a link."""
+        found = self.shares.find(text)
+        if found is None or not self._holds(found):
+            return None
+        return Identity(f"link {found.id} to {found.flight}", Role.VIEWER, found.flight)
+
+    def _holds(self, share: KnownShare) -> bool:
+        """Whether the maker of a link may still share: by the same token, not by another of its name."""
+        if share.since == 0.0:
+            return self._token is not None if share.maker == STATION else not self.demanded
+        token = self.tokens.good(share.maker)
+        return token is not None and token.created == share.since and ROLES[token.role] >= _SHARING
 
     def admit(self, text: str, address: str) -> Identity:
         """Whose token a text is. Raises RefusedError for nobody's: 401, and 429 where the address came with too many.
@@ -75,7 +103,8 @@ class Access:
             after = {"Retry-After": f"{wait:.0f}"}
             raise RefusedError(429, f"too many wrong tokens; wait {wait:.0f} s", headers=after)
         self.failures.count(address, hashlib.sha256(text.encode()).digest())
-        raise RefusedError(401, "the station does not know this token", headers=_BEARER)
+        unknown = _NO_LINK if text.startswith(SHARE) else "the station does not know this token"
+        raise RefusedError(401, unknown, headers=_BEARER)
 
 
 class Guard:

@@ -18,7 +18,7 @@ from starlette.requests import ClientDisconnect
 
 from gcs.api.service import Service
 from gcs.errors import ServiceError
-from gcs.jobs.one_shot_process import STOPPED
+from gcs.jobs.programs import STOPPED
 from gcs.recording.container import LOG_ENDINGS
 from gcs.settings import Settings
 from gcs.text.sizes import size_text
@@ -42,7 +42,8 @@ async def receive_upload(request: Request, service: Service, name: str) -> Async
     if declared.isdecimal() and int(declared) > settings.max_upload_bytes:
         raise _too_large(settings)
     _leave_reserve(settings, int(declared) if declared.isdecimal() else 0)
-    with tempfile.TemporaryDirectory(prefix="upload-", dir=settings.data) as folder:
+    # Where a stop ends the wait for whoever still reads there, the rest is removed at the next start.
+    with tempfile.TemporaryDirectory(prefix="upload-", dir=settings.data, ignore_cleanup_errors=True) as folder:
         path = Path(folder) / "upload"
         with path.open("wb") as file:
             target = _Target(request, name)

@@ -15,13 +15,12 @@ from pathlib import Path
 from typing import Any
 
 from gcs.errors import GcsError, ServiceError
-from gcs.jobs.programs import Program, begin
+from gcs.jobs.programs import STOPPED, Program, begin
 from gcs.jobs.runner import last_words
 from gcs.text.jsontext import dumps
 
 # What a file says of itself comes in the answer; the service keeps that in memory.
 _LONGEST_ANSWER = 4_000_000
-STOPPED = "the service is being stopped; ask again when it is back"
 
 
 class AskedOnce:

@@ -19,12 +19,12 @@ import threading
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from importlib import import_module
-from multiprocessing import connection, process
+from multiprocessing import connection, forkserver, process
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import IO, Any, Self
 
-from gcs.errors import in_words
+from gcs.errors import ServiceError, in_words
 
 _log = logging.getLogger(__name__)
 
@@ -46,8 +46,11 @@ _LOADED = (
 _CODE_S = 5.0
 # Of a process whose exit code nobody knows.
 _NO_CODE = 255
+# Between two looks whether somebody still waits for a process, s.
+_LOOK_S = 0.05
+STOPPED = "the service is being stopped; ask again when it is back"
 
-_starting = threading.Lock()
+_starting, _ending = threading.Lock(), threading.Event()
 
 
 class Program:
@@ -55,7 +58,7 @@ class Program:
 
     module, arguments: what `python -m` would be given. stdout: a file's descriptor, or None for a pipe. stderr: one, or
     None for this process's own. text: whether the pipes are of text. environment: all variables that it has. Raises
-    OSError or EOFError where it cannot be forked.
+    OSError or EOFError where it cannot be forked, ServiceError behind `begin_no_more`.
     """
 
     def __init__(
@@ -81,10 +84,11 @@ class Program:
         )
         try:
             with _starting:
+                _refuse_when_ending()
                 self._process.start()
                 # Whatever is begun next would ask it for its exit code, which comes once.
                 process._children.discard(self._process)  # type: ignore[attr-defined]
-        except (OSError, EOFError):
+        except (OSError, EOFError, ServiceError):
             self.close()
             raise
         finally:
@@ -169,7 +173,7 @@ def begin(
     """Begin a command with a pipe to its standard input; `python -m` of what is loaded already as a `Program`.
 
     variables: of its environment, beside those of this process. It imports the same packages as this process, installed
-    or not, and its text is UTF-8 whatever the locale.
+    or not, and its text is UTF-8 whatever the locale. Raises ServiceError behind `begin_no_more`.
     """
     root = str(Path(__file__).resolve().parents[2])
     path = os.pathsep.join([root, *filter(None, [os.environ.get("PYTHONPATH")])])
@@ -178,11 +182,32 @@ def begin(
         try:
             return Program(command[2], command[3:], stdout, stderr, text, own)
         except (OSError, EOFError) as error:
+            _refuse_when_ending()
             _log.warning("%s cannot be forked and loads everything itself: %s", command[2], in_words(error))
+    _refuse_when_ending()
     return subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE if stdout is None else stdout, stderr=stderr, text=text,
         encoding="utf-8" if text else None, env=own,
     )  # fmt: skip
+
+
+def begin_no_more() -> None:
+    """Have nothing begin from now on, nor anybody wait for it: loading takes long on a busy machine, a stop must not.
+
+    What has begun goes on.
+    """
+    _ending.set()
+    while not _starting.acquire(timeout=_LOOK_S):
+        loading = forkserver._forkserver._forkserver_pid  # type: ignore[attr-defined]
+        if loading is not None:
+            with suppress(ProcessLookupError):
+                os.kill(loading, signal.SIGKILL)
+    _starting.release()
+
+
+def _refuse_when_ending() -> None:
+    if _ending.is_set():
+        raise ServiceError(STOPPED)
 
 
 def _can_fork() -> bool:
@@ -201,6 +226,9 @@ def _work(module: str, arguments: list[str], environment: dict[str, str], given:
     os.environ.update(environment)
     sys.argv = [module, *arguments]
     main = import_module(module).main
-    code = main(arguments) if arguments else main()
-    sys.stdout.flush()
+    try:
+        code = main(arguments) if arguments else main()
+        sys.stdout.flush()
+    except BrokenPipeError:  # the service has ended meanwhile: nobody reads what is left to say, here or at the exit
+        os._exit(_NO_CODE)
     sys.exit(code)

@@ -29,6 +29,7 @@ from gcs.errors import (
     GcsError,
     JobError,
     QueueFullError,
+    ServiceError,
     in_words,
 )
 from gcs.jobs.limits import memory_limit
@@ -304,7 +305,11 @@ class JobRunner:
         order = self._order(job, folder)
         errors = folder / "stderr"
         with errors.open("w", encoding="utf-8") as stderr:
-            process = begin(self._worker, None, stderr.fileno())
+            try:
+                process = begin(self._worker, None, stderr.fileno())
+            except ServiceError:  # begun at the next start; no other job is taken until this one is asked to stop
+                self._stopping.wait()
+                return None
         with self._lock:
             self._process, self._running = process, job.id
             if self._stopping.is_set() or job.id in self._cancelled:

@@ -19,6 +19,7 @@ from gcs.flights.timeline import array_elements, modes, raw_fields, texts
 from gcs.jobs.limits import NICENESS_WAITED_FOR, stand_back
 from gcs.jobs.worker import end_with_service, report
 from gcs.mavlink.dialect import Dialect, MessageType
+from gcs.recording.parts import WARNINGS
 from gcs.recording.reader import Recording
 from gcs.recording.repair import COMPLETED
 from gcs.text.sizes import size_text
@@ -79,6 +80,8 @@ def summary(order: dict[str, Any]) -> dict[str, Any]:
             }
         except (GcsError, SysidError, SimVehicleError) as error:
             found["warnings"] = [str(error)]
+    known = [words[:_LONGEST_NOTE] for words in recording.metadata().get(WARNINGS, {}).values()]
+    found["warnings"] = [*known[:_MOST_NOTES], *found["warnings"]]
     return found
 
 

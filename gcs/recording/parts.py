@@ -20,6 +20,8 @@ from gcs.recording.writer import Counts, Lost, McapWriter
 
 #: Metadata of a recording by name; each is pairs of text.
 Metadata = Mapping[str, Mapping[str, str]]
+#: Name of the metadata that say, one entry each, what is to be known of a flight as a whole.
+WARNINGS = "warnings"
 
 # A crash may cost one second: the rest goes to the tick that closes the chunk, to writing it, and to a busy machine.
 _CHUNK_SECONDS = 0.3

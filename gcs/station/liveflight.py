@@ -6,7 +6,8 @@ from dataclasses import dataclass, field
 
 from gcs.catalogue.flight_table import Flight
 from gcs.mavlink.framing import Frames
-from gcs.recording.parts import Metadata, RecordingParts
+from gcs.recording.parts import WARNINGS, Metadata, RecordingParts
+from gcs.station.same_number import SameNumber
 from gcs.station.segmentation import FlightSegmenter
 from gcs.station.unarmed_motion import MOVING_M_S, fastest
 
@@ -22,7 +23,8 @@ NOBODY = ""
 class LiveFlight:
     """A flight that is being recorded. Times are UTC ns; catalogued_ns: how far the catalogue knows it.
 
-    follows: the flight that this is ground data behind, as long as the vehicle neither was armed nor moved.
+    same_number: whether two vehicles are in it. follows: the flight that this is ground data behind, as long as the
+    vehicle neither was armed nor moved.
     board: of the autopilot, None while it has not said it; ask_ns: when to ask it next, and ask_again_ns how long after
     that again.
     """
@@ -32,6 +34,7 @@ class LiveFlight:
     segmenter: FlightSegmenter
     start_ns: int
     end_ns: int
+    same_number: SameNumber
     catalogued_ns: int = 0
     follows: str | None = None
     moving_s: set[int] = field(default_factory=set)
@@ -76,7 +79,8 @@ class LiveFlight:
     def statistics(self, reason: str) -> Metadata:
         """Metadata of what is known only at the end."""
         counts = self.writer.counts
-        return {
+        warned = {WARNINGS: {"same number": self.same_number.words}} if self.same_number.words else {}
+        return warned | {
             "statistics": {
                 "messages": str(counts.messages),
                 "bytes": str(counts.bytes),

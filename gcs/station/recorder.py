@@ -35,6 +35,7 @@ from gcs.station.flightledger import FlightLedger
 from gcs.station.linkstats import LinkStatistics
 from gcs.station.liveflight import NOBODY, LiveFlight
 from gcs.station.recorderstate import RecorderState
+from gcs.station.same_number import SameNumber
 from gcs.station.segmentation import DISARMED, RESTARTED, SILENCE, FlightSegmenter, Heartbeat, heartbeats
 from gcs.text.sizes import size_text
 
@@ -244,7 +245,11 @@ class FlightRecorder:
         at = np.arange(*run) if batch.believed is None else run[0] + np.flatnonzero(batch.believed[run[0] : run[1]])
         if at.size == 0:
             return None
-        index = live.segmenter.clock_reset(batch.link, batch.part(run)[1], batch.received[at])
+        frames, received = batch.part(run)[1], batch.received[at]
+        sender = live.segmenter.system or 0, live.segmenter.component
+        if live.same_number.add(batch.link, frames, received, sender):
+            self.state.double(live.same_number.words, batch.now_ns)
+        index = live.segmenter.clock_reset(batch.link, frames, received)
         if index is None:
             return None
         if not self._may_cut(live.segmenter.system, batch.now_ns):
@@ -332,7 +337,9 @@ class FlightRecorder:
         follows = self._flight_before(vehicle, now_ns)
         if follows is None and vehicle is None and self._require_signed:
             follows = NOBODY
-        live = LiveFlight(flight_id, writer, segmenter, now_ns, now_ns, follows=follows)
+        live = LiveFlight(
+            flight_id, writer, segmenter, now_ns, now_ns, same_number=SameNumber(self._dialect), follows=follows
+        )
         self._live.append(live)
         self._list(live)
         _log.info("flight %s begins", flight_id)

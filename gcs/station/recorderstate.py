@@ -13,18 +13,19 @@ from gcs.station.segmentation import Heartbeat
 
 _log = logging.getLogger(__name__)
 
-_SUSPECT_NS = 120_000_000_000
+_SUSPECT_NS, _DOUBLED_NS = 120_000_000_000, 10_000_000_000
 
 
 class RecorderState:
     """`problem`: what goes wrong, in words for /api/health, empty when all is well. `unrecorded_bytes`: in no file.
 
-    ground_stations, vehicles: the systems heard. suspicion: that somebody speaks in a vehicle's name, empty for none.
+    ground_stations, vehicles: the systems heard. suspicion: that somebody speaks in a vehicle's name; doubled: that two
+    vehicles have one number; empty for none.
     """
 
     def __init__(self) -> None:
-        self.problem = self.suspicion = ""
-        self.unrecorded_bytes = self._suspected_ns = 0
+        self.problem = self.suspicion = self.doubled = ""
+        self.unrecorded_bytes = self._suspected_ns = self._doubled_ns = 0
         self.ground_stations: set[int] = set()
         self.vehicles: set[int] = set()
         self._heard: set[int] = set()
@@ -59,9 +60,18 @@ class RecorderState:
                 self.suspicion = said
                 _log.warning("%s", said)
 
-    def calm(self, now_ns: int) -> None:
-        """Take the suspicion back where nothing has given cause for a while."""
+    def double(self, said: str, now_ns: int) -> None:
+        """Say, once until it is over, that two vehicles have one number."""
         with self._lock:
+            if not self.doubled:
+                _log.warning("%s", said)
+            self.doubled, self._doubled_ns = said, now_ns
+
+    def calm(self, now_ns: int) -> None:
+        """Take back what nothing has given cause for for a while."""
+        with self._lock:
+            if self.doubled and abs(now_ns - self._doubled_ns) > _DOUBLED_NS:
+                self.doubled = ""
             if self.suspicion and abs(now_ns - self._suspected_ns) > _SUSPECT_NS:
                 self.suspicion = ""
 

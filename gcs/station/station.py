@@ -267,7 +267,8 @@ class RecordingStation(Station):
     def problem(self) -> str:
         """What goes wrong now, in words; empty when all is well."""
         passing = self._forwarder.problem if self._forwarder is not None else ""
-        return self.state.problem or passing or self.state.suspicion or self._refused_link() or self._too_fast()
+        trust = self.state.suspicion or self.state.doubled
+        return self.state.problem or passing or trust or self._refused_link() or self._too_fast()
 
     def _refused_link(self) -> str:
         """Of a link that this computer refuses, why; where a peer is only waited for there is nothing to say."""

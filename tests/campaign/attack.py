@@ -26,11 +26,14 @@ import httpx
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests" / "support"))
 
-from attacks import ATTACKS, Target, status_of  # noqa: E402
+from attacks import ATTACKS as FROM_THE_NETWORK  # noqa: E402
+from attacks import Target, status_of  # noqa: E402
+from attacks_by_users import ATTACKS_BY_USERS  # noqa: E402
 
 from gcs.jobs.limits import memory_limit  # noqa: E402
 from gcs.recording.reader import Recording  # noqa: E402
 
+ATTACKS = {**FROM_THE_NETWORK, **ATTACKS_BY_USERS}
 RATE = 500
 ALLOWED = {"lost": 0, "health_s": 1.0, "service_mb": 600.0, "log_mb_min": 10.0, "end_s": 10.0}
 EXPECTED_5XX = (503, 507)
@@ -87,8 +90,10 @@ def run(name: str, seconds: float) -> Outcome:
                 time.sleep(1.0)
                 lasted = time.monotonic() - began
                 with contextlib.suppress(httpx.HTTPError):
-                    known = httpx.get(f"{target.url}/api/flights?limit=1000", timeout=30.0).json()
-                    outcome.flights = len(known["flights"])
+                    known = httpx.get(
+                        f"{target.url}/api/flights?limit=1000", timeout=30.0, headers=target.headers
+                    ).json()
+                    outcome.flights = len(known.get("flights", ()))
                 target.stopping.set()
                 watcher.join()
                 sender.kill()
@@ -106,7 +111,7 @@ def run(name: str, seconds: float) -> Outcome:
         outcome.sent, outcome.lost = _honest(folder / "data" / "flights")
         outcome.jobs = _jobs(folder / "data" / "catalogue.sqlite")
         outcome.answers, outcome.note = dict(target.answers), target.note
-    outcome.wrong = _wrong(outcome)
+    outcome.wrong = [*_wrong(outcome), *dict.fromkeys(target.wrong)]
     return outcome
 
 

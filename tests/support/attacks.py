@@ -38,6 +38,8 @@ class Target:
         self.url, self.process = "", 0
         self.answers: Counter[str] = Counter()
         self.note = ""
+        self.headers: dict[str, str] = {}
+        self.wrong: list[str] = []
         self.stopping = threading.Event()
         self.flight = ""
 
@@ -54,6 +56,11 @@ class Target:
             status = 0
         self.answers[str(status)] += 1
         return status
+
+    def expect(self, wanted: int, *statuses: int) -> None:
+        """Note what was answered otherwise."""
+        if others := sorted({status for status in statuses if status != wanted}):
+            self.wrong.append(f"{others} where {wanted} is right")
 
     def until_over(self, pause_s: float = 0.0) -> Iterator[float]:
         """Seconds since the attack began, again and again until its time is over."""
@@ -77,7 +84,8 @@ class Target:
         fly = ["fly", "--vehicle", "iitb-mav", "--manoeuvre", "elevator-3211", "--seed", 3, "--record", path]
         process = start("sim-vehicle", fly)
         process.communicate(timeout=300)
-        answer = httpx.post(f"{self.url}/api/flights?name=flown.mcap", content=path.read_bytes(), timeout=120.0)
+        answer = httpx.post(f"{self.url}/api/flights?name=flown.mcap", content=path.read_bytes(), timeout=120.0,
+                            headers=self.headers)  # fmt: skip
         return str(answer.raise_for_status().json()["id"])
 
 

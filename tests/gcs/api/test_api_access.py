@@ -161,26 +161,119 @@ def test_a_link_shows_nothing_of_who_works_with_the_flight_and_of_other_flights(
     assert (thin.json()["id"], thin.json()["signals"]) == (flight, whole.json()["signals"])
 
 
+def test_a_link_is_listed_and_revoked_by_its_maker_and_administrators(bench: Bench, guarded: httpx.Client) -> None:
+    file = TokenFile(bench.settings.tokens)
+    anna, bert = (by(file.add(name, "operator")) for name in ("anna", "bert"))
+    flight = bench.record(1, 3, 10**18)
+    url = f"/api/flights/{flight}"
+    first, second = (guarded.post(f"{url}/share", json={}, headers=anna).json() for _ in range(2))
+    links = [by(one["path"].rpartition("/")[2]) for one in (first, second)]
+    assert [guarded.get(url, headers=link).status_code for link in links] == [200, 200]
+    listed = guarded.get("/api/shares", headers=anna).json()
+    assert [(one["id"], one["maker"], one["flight"]) for one in listed] == [
+        (one["id"], "anna", flight) for one in (first, second)
+    ]
+    assert set(listed[0]) == {"id", "maker", "flight", "made", "expires"}
+    assert guarded.get("/api/shares", headers=by(TOKEN)).json() == listed
+    assert guarded.get("/api/shares", headers=bert).json() == []
+    problem(guarded.get("/api/shares", headers=links[0]), 403)
+    problem(guarded.delete(f"/api/shares/{first['id']}", headers=bert), 404)
+    problem(guarded.delete(f"/api/shares/{first['id']}", headers=links[0]), 403)
+    assert guarded.delete(f"/api/shares/{first['id']}", headers=anna).status_code == 204
+    assert "revoked" in problem(guarded.get(url, headers=links[0]), 401)
+    assert guarded.get(url, headers=links[1]).status_code == 200
+    assert guarded.delete(f"/api/shares/{second['id']}", headers=by(TOKEN)).status_code == 204
+    problem(guarded.get(url, headers=links[1]), 401)
+    assert guarded.get("/api/shares", headers=by(TOKEN)).json() == []
+    # As the version before made them, signed and in no list.
+    assert "kept no list" in problem(guarded.get(url, headers=by("share.MjAyNg.1800000000.c2ln")), 401)
+
+
+def test_a_link_ends_with_what_its_maker_may_share(bench: Bench, guarded: httpx.Client) -> None:
+    file = TokenFile(bench.settings.tokens)
+    flight = bench.record(1, 3, 10**18)
+
+    def link_of(token: str) -> dict[str, str]:
+        made = guarded.post(f"/api/flights/{flight}/share", json={}, headers=by(token)).json()
+        return by(made["path"].rpartition("/")[2])
+
+    def seen(link: dict[str, str]) -> int:
+        return guarded.get(f"/api/flights/{flight}", headers=link).status_code
+
+    link, station = link_of(file.add("anna", "operator")), link_of(TOKEN)
+    assert (seen(link), seen(station)) == (200, 200)
+    kept = bench.settings.tokens.read_text()
+    bench.settings.tokens.write_text(kept.replace('"operator"', '"viewer"'))
+    assert seen(link) == 401
+    bench.settings.tokens.write_text(kept.replace('"operator"', '"admin"'))
+    assert seen(link) == 200
+    file.revoke("anna")
+    assert seen(link) == 401
+    file.add("anna", "operator")  # another token of the same name has made none
+    assert (seen(link), seen(station)) == (401, 200)
+    problem(guarded.get("/api/shares", headers=by("x" * 20)), 401)
+    assert [one["maker"] for one in guarded.get("/api/shares", headers=by(TOKEN)).json()] == ["GCS_TOKEN"]
+    with pytest.raises(SettingsError, match="GCS_TOKEN"):
+        file.add("GCS_TOKEN", "operator")
+
+
+def test_links_are_listed_and_revoked_by_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    shares = Shares(tmp_path / "shares.json")
+    token, made = shares.make("20260101T000000.000Z-1", 3.0, "anna")
+    data = ("--data", str(tmp_path))
+    assert main(["token", "links", *data]) == 0
+    assert capsys.readouterr().out.startswith(f"{made.id}  20260101T000000.000Z-1  by anna  until ")
+    assert main(["token", "links", "--json", *data]) == 0
+    assert json.loads(capsys.readouterr().out) == [made.shown()]
+    assert main(["token", "revoke-link", made.id, *data]) == 0
+    assert shares.find(token) is None
+    assert main(["token", "revoke-link", made.id, *data]) == 2
+    assert f"there is no link {made.id}" in capsys.readouterr().err
+
+
+def test_what_came_of_a_flight_names_no_other_flight_to_a_link(bench: Bench, guarded: httpx.Client) -> None:
+    other, flight = (bench.record(1, 3, 10**18 + number * 10**11) for number in range(2))
+    url = f"/api/flights/{flight}"
+    catalogue, link = bench.catalogue, guarded.post(f"{url}/share", json={}, headers=by(TOKEN)).json()
+    visitor = by(link["path"].rpartition("/")[2])
+    for kind, name in (("identify", "identification"), ("discrepancy", "discrepancy"), ("design", "design")):
+        job = catalogue.add_job(flight, kind, {}, owner="10.1.2.3")
+        result = {
+            "schema": f"{name}/1", "model": {"coefficients": {}}, "segments": [{"flight": f"{flight}.mcap"}],
+            "validation": {"flights": [f"{other}.mcap"]}, "warnings": [f"{other}.mcap is a flight that was fitted"],
+        }  # fmt: skip
+        catalogue.finish_job(job, result)
+        whole, thin = (guarded.get(f"{url}/{name}", headers=one) for one in (by(TOKEN), visitor))
+        assert (whole.status_code, whole.json()) == (200, result)
+        assert thin.json()["segments"] == [{"flight": f"{flight}.mcap"}]
+        assert thin.json()["validation"] == {"flights": ["other-1.mcap"]}
+        assert thin.json()["warnings"] == ["other-1.mcap is a flight that was fitted"]
+        for secret in (other, "10.1.2.3"):
+            assert secret not in thin.text
+
+
 def test_a_link_ends_and_a_forged_one_is_none(tmp_path: Path) -> None:
     now = [1000.0]
-    shares = Shares(tmp_path / "share.key", lambda: now[0])
-    token, until = shares.make("20260101T000000Z-1", 3.0)
-    assert until == 1000.0 + 3.0 * 86400.0
-    found = shares.identify(token)
-    assert found is not None
-    assert found.flight == "20260101T000000Z-1"
-    claim, _, signature = token.removeprefix("share.").rpartition(".")
-    flight, _, expires = claim.partition(".")
-    for forged in (f"share.{flight}.{int(expires) + 9}.{signature}", token[:-1], "share.", "share.a.b", "x"):
-        assert shares.identify(forged) is None, forged
-    # What bytes are no letters.
-    assert shares.identify("share.a.b.é") is None
-    # The key of another station, and the same station once its key was deleted.
-    assert Shares(tmp_path / "other.key", lambda: now[0]).identify(token) is None
-    now[0] = until
-    assert shares.identify(token) is None
+    shares = Shares(tmp_path / "shares.json", lambda: now[0])
+    token, made = shares.make("20260101T000000Z-1", 3.0, "anna")
+    assert made.expires == 1000.0 + 3.0 * 86400.0
+    assert shares.find(token) == made
+    for forged in (token[:-1], "share.", "share.a.b", "share.a.b.é", "x"):
+        assert shares.find(forged) is None, forged
+    assert stat.S_IMODE((tmp_path / "shares.json").stat().st_mode) == 0o600
+    assert token not in (tmp_path / "shares.json").read_text()
+    # Another process that has the same file, and another station.
+    assert Shares(tmp_path / "shares.json", lambda: now[0]).find(token) == made
+    assert Shares(tmp_path / "other.json", lambda: now[0]).find(token) is None
+    now[0] = made.expires
+    assert shares.find(token) is None
     with pytest.raises(SettingsError):
-        shares.make("x", 1e6)
+        shares.make("x", 1e6, "anna")
+    for _ in range(200):
+        shares.make("x", 1.0, "anna")
+    with pytest.raises(SettingsError, match="revoke some"):
+        shares.make("x", 1.0, "anna")
+    shares.make("x", 1.0, "bert")
 
 
 def test_logging_in_keeps_the_token_where_no_script_reads_it(guarded: httpx.Client) -> None:

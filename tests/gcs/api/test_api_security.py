@@ -66,6 +66,8 @@ def test_openapi_describes_every_route_of_the_interface(client: httpx.Client) ->
         "POST /api/logout",
         "GET /api/me",
         "GET /api/tokens",
+        "GET /api/shares",
+        "DELETE /api/shares/{share_id}",
         "GET /api/audit",
         "POST /api/flights/{flight_id}/share",
         "GET /api/links",

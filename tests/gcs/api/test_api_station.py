@@ -191,3 +191,21 @@ def test_a_vehicle_that_is_renamed_has_its_new_name_on_the_live_page(
             with client.stream("GET", "/api/live/stream") as events:
                 told = next(line for line in events.iter_lines() if line.startswith("data: "))
             assert json.loads(told.removeprefix("data: "))["vehicle"] == name
+
+
+def test_two_vehicles_of_one_number_are_said_by_health_and_by_their_flight(bench: Bench, client: httpx.Client) -> None:
+    one, other = Vehicle(7), Vehicle(7)
+    other.boot_ms = 800_000
+    start = START + 24 * SECOND  # the station's clock stands 6 s later
+    for second in range(6):
+        for part in range(10):
+            for source, vehicle in (("udpin:one", one), ("udpin:other", other)):
+                frames = [vehicle.heartbeat(), vehicle.attitude()]
+                bench.recorder.feed(source, batch(frames, start + second * SECOND + part * SECOND // 10, SECOND // 10))
+                vehicle.boot_ms += 100
+    health = client.get("/api/health").json()
+    assert health["status"] == "degraded"
+    assert health["problem"].startswith("two vehicles send as system 7, their clocks 800 s apart")
+    bench.recorder.end_flights(start + 6 * SECOND)
+    (flight,) = bench.catalogue.flights()
+    assert client.get(f"/api/flights/{flight.id}").json()["warnings"][0] == health["problem"]

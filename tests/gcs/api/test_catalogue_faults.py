@@ -70,8 +70,9 @@ def test_damage_from_before_the_start_is_found_and_flights_are_recorded_all_the_
 def test_who_reads_waits_for_nobody_that_writes(bench: Bench, client: httpx.Client) -> None:
     flight = bench.record(1, 3, START)
 
-    def write(_: int) -> int:
-        return httpx.patch(f"{client.base_url}/api/flights/{flight}", json={"title": "x"}, timeout=60.0).status_code
+    def write(_: int) -> tuple[int, str | None]:
+        answer = httpx.patch(f"{client.base_url}/api/flights/{flight}", json={"title": "x"}, timeout=60.0)
+        return answer.status_code, answer.headers.get("retry-after")
 
     def health() -> str:
         return str(client.get("/api/health").json()["problem"])
@@ -84,7 +85,7 @@ def test_who_reads_waits_for_nobody_that_writes(bench: Bench, client: httpx.Clie
             assert client.get("/api/flights", timeout=10.0).status_code == 200
             assert "another program holds" in health()
             assert "another program holds" in problem(client.get("/api/ready"), 503)
-            assert set(writing) == {503}
+            assert set(writing) == {(503, "30")}
         other.execute("ROLLBACK")
         assert health() == ""
     assert client.get("/api/ready").status_code == 200

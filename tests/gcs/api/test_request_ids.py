@@ -1,5 +1,6 @@
 """Every request has an id: in its answer, in an error, in the log; and the access log has no query."""
 
+import asyncio
 import logging
 
 import httpx
@@ -56,3 +57,18 @@ def test_the_access_log_has_method_path_status_and_time_but_no_query(
 def test_no_access_log_where_nobody_asked_for_it(client: httpx.Client, caplog: pytest.LogCaptureFixture) -> None:
     client.get("/api/health")
     assert not [record for record in caplog.records if record.name == ACCESS_LOG]
+
+
+def test_a_request_that_a_stop_ends_hears_so_as_any_other_error(bench: Bench, caplog: pytest.LogCaptureFixture) -> None:
+    @bench.app.get("/api/endless")
+    async def endless() -> None:
+        raise asyncio.CancelledError  # as uvicorn has it raised where a request waits, once it waits no longer
+
+    bench.app.router.routes.insert(0, bench.app.router.routes.pop())  # before the page's
+    with serving(bench.app) as client:
+        answer = client.get("/api/endless", headers={"X-Request-ID": "r3"})
+    assert (answer.status_code, answer.headers["content-type"]) == (503, "application/problem+json")
+    assert answer.json()["detail"] == "the service is being stopped; ask again when it is back"
+    assert answer.json()["request_id"] == answer.headers["x-request-id"] == "r3"
+    assert answer.headers["retry-after"] == "30"
+    assert "Traceback" not in caplog.text

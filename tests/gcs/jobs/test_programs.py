@@ -15,7 +15,7 @@ import pytest
 from patience import PATIENCE_S
 from traffic import wait_until
 
-from gcs.jobs.programs import Program, begin
+from gcs.jobs.programs import STOPPED, Program, begin
 
 REPORT = (sys.executable, "-m", "gcs.jobs.reportworker")
 WORKER = (sys.executable, "-m", "gcs.jobs.worker")
@@ -126,3 +126,42 @@ def test_nothing_outlives_a_service_that_is_killed() -> None:
         assert not any(map(gone, pids))
         service.kill()
     wait_until(lambda: all(map(gone, pids)))
+
+
+def test_one_whose_reader_is_gone_ends_without_a_word(tmp_path: Path) -> None:
+    errors = tmp_path / "errors"
+    with errors.open("w") as stderr, begin(WORKER, None, stderr.fileno()) as program:
+        assert program.stdin is not None
+        assert program.stdout is not None
+        program.stdout.close()
+        order = {"memory_bytes": 2_000_000_000, "automatic": False, "recordings": [], "validate": [], "vehicle": "none"}
+        program.stdin.write(json.dumps({**order, "kind": "identify", "models": {}}) + "\n")
+        program.stdin.flush()
+        assert program.wait(PATIENCE_S) == 255
+    assert errors.read_text() == ""
+
+
+def test_nobody_waits_for_what_is_loaded_once_no_more_is_to_begin(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "begun")
+    (tmp_path / "endless.py").write_text("import time; open('begun', 'w').close(); time.sleep(1e6)")
+    script = (
+        "import sys; from concurrent.futures import ThreadPoolExecutor; from gcs.jobs import programs\n"
+        "programs._LOADED = ('endless', 'gcs.jobs.worker')\n"
+        "def begin(number):\n"
+        "    try:\n"
+        "        programs.begin((sys.executable, '-m', 'gcs.jobs.worker'))\n"
+        "    except Exception as error:\n"
+        "        return str(error)\n"
+        "with ThreadPoolExecutor(3) as pool:\n"
+        "    waiting = pool.map(begin, range(3))\n"
+        "    open('begun').close()\n"
+        "    programs.begin_no_more()\n"
+        "    print(*waiting, begin(4), sep='\\n')\n"
+    )
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])}
+    done = subprocess.run(
+        [sys.executable, "-c", script], cwd=tmp_path, env=environment, capture_output=True, text=True,
+        timeout=PATIENCE_S, check=False,
+    )  # fmt: skip
+    assert done.stdout.splitlines() == 4 * [STOPPED], done.stderr
+    assert done.stderr == ""
