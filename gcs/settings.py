@@ -13,7 +13,7 @@ from gcs.mavlink.linkoptions import LinkOptions
 from gcs.recording.storage import StorageOptions
 
 TOKEN_VARIABLE = "GCS_TOKEN"
-_MIN_TOKEN = 12
+_MIN_TOKEN = 8
 
 
 @dataclass(frozen=True)
