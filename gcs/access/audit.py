@@ -80,8 +80,9 @@ class Audit:
         """Write all lines, and what is only counted yet, and end the thread; whoever comes later writes by himself."""
         with self._lock:
             self._sum_up(self._clock())
+            if not self._closed and self._thread is not None:
+                self._coming.put(None)
             self._closed = True
-            self._coming.put(None)
         if self._thread is not None:
             self._thread.join()
 

@@ -18,6 +18,7 @@ from starlette.requests import ClientDisconnect
 
 from gcs.api.service import Service
 from gcs.errors import ServiceError
+from gcs.jobs.places import Places
 from gcs.jobs.programs import STOPPED
 from gcs.recording.container import LOG_ENDINGS
 from gcs.settings import Settings
@@ -49,7 +50,7 @@ async def receive_upload(request: Request, service: Service, name: str) -> Async
             target = _Target(request, name)
             received = 0
             pending = bytearray()
-            async for chunk in _chunks(request, service.stopping):
+            async for chunk in _chunks(request, service.stopping, service.uploads.places):
                 received += len(chunk)
                 if received > settings.max_upload_bytes:
                     raise _too_large(settings)
@@ -68,8 +69,8 @@ async def receive_upload(request: Request, service: Service, name: str) -> Async
         yield path.rename(path.with_suffix(ending)) if ending in _ENDINGS else path, target.name
 
 
-async def _chunks(request: Request, stopping: asyncio.Event) -> AsyncIterator[bytes]:
-    """The body as it comes. HTTP 400 where it breaks off, 408 where it hardly comes.
+async def _chunks(request: Request, stopping: asyncio.Event, places: Places) -> AsyncIterator[bytes]:
+    """The body as it comes. HTTP 400 where it breaks off, 408 where it hardly comes while others wait for a place.
 
     ServiceError once the service is to end: it waits no more.
     """
@@ -88,7 +89,7 @@ async def _chunks(request: Request, stopping: asyncio.Event) -> AsyncIterator[by
                 return
             received += len(chunk)
             if time.monotonic() - began > _WATCHED_S:
-                if received < _LEAST_RATE * _WATCHED_S:
+                if received < _LEAST_RATE * _WATCHED_S and places.full:
                     slow = f"the file comes by less than {_LEAST_RATE // 1000} kB a second, and its place is needed"
                     raise HTTPException(408, f"{slow}; send it by a faster connection", {"Connection": "close"})
                 began, received = time.monotonic(), 0

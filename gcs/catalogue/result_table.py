@@ -40,8 +40,9 @@ class ResultTable(JobTable):
         if not rows and job_id is not None:
             raise CatalogueError(f"flight {flight_id} has no {kind} result of job {job_id!r}; the newest needs no job=")
         if not rows:
-            skipped = [job for job in self.jobs_of(flight_id) if (job.kind, job.state) == (kind, "skipped")]
-            reason = f" ({self.job(skipped[0].id).log[-1]})" if skipped else ""
+            query = "SELECT id FROM jobs WHERE flight_id = ? AND kind = ? AND state = 'skipped'"
+            skipped = self._rows(f"{query} ORDER BY number DESC LIMIT 1", flight_id, kind)
+            reason = f" ({self.job(skipped[0]['id']).log[-1]})" if skipped else ""
             raise CatalogueError(
                 f"flight {flight_id} has no {kind} result yet{reason}; POST /api/flights/{flight_id}/jobs starts one"
             )

@@ -9,7 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from gcs.errors import BusyError, VehicleError
+from gcs.errors import BusyError, ServiceError, VehicleError
 from gcs.jobs.limits import NICENESS_WAITED_FOR, memory_limit
 from gcs.jobs.one_shot_process import AskedOnce
 from gcs.settings import Settings
@@ -54,6 +54,9 @@ class Drafts:
                 return str(self._writer.ask(order, Path(folder), "the vehicle file", VehicleError)["text"])
         except VehicleError as error:
             raise VehicleFileError(str(error)) from error
+        except OSError as error:
+            reason = f"{self._settings.data}: {error.strerror or error}"
+            raise ServiceError(f"{reason}; a form needs a little room there, a text alone none") from error
         finally:
             self._places.release()
 

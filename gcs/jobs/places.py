@@ -17,6 +17,12 @@ class Places:
         self._most, self._of_one, self._what = most, of_one, what
         self._held, self._lock = Counter[str](), threading.Lock()
 
+    @property
+    def full(self) -> bool:
+        """Whether all are held."""
+        with self._lock:
+            return self._held.total() >= self._most
+
     def take(self, who: str) -> None:
         """Hold one more, until it is given back. BusyError where there is none, or that one has enough."""
         with self._lock:

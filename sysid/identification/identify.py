@@ -210,10 +210,12 @@ def _identify_by_classical_method(
 ) -> Identification:
     """`identify` with equation error, output error or filter error. known: the flights' data compatibility."""
     read.require_airspeed()
-    prepared = [one.as_measured(asked.vehicle, asked.start_s, asked.stop_s) for one in read.fitted]
+    given = read
+    read, prepared = given.as_measured(asked.vehicle, asked.start_s, asked.stop_s)
     require_thrust(prepared)
     asked.progress(0.10, "data compatibility")
-    compatible = known if known is not None and all(one.whole for one in read.fitted) else check_compatibility(prepared)
+    same = read.fitted == given.fitted and all(one.whole for one in read.fitted)
+    compatible = known if known is not None and same else check_compatibility(prepared)
     span = (asked.start_s, asked.stop_s)
     if (moving := with_surfaces_as_they_moved(read, asked.vehicle, span, prepared, compatible)) is not None:
         prepared, compatible, asked = moving.prepared, moving.compatible, replace(asked, vehicle=moving.vehicle)
@@ -238,7 +240,7 @@ def _identify_by_classical_method(
         unique_refusals((*found.refused, *compatible.refused), found.errors), validation,
         tuple(flight.name for flight in asked.validate_on), found.likeliest, found.equations,
         mean_motion(vehicle, found.model, prepared, compatible),
-        tuple(dict.fromkeys((*posed.warnings, *found.warnings, *sentences, *read.judged_warnings()))), mistakes,
+        tuple(dict.fromkeys((*posed.warnings, *found.warnings, *sentences, *read.warnings()))), mistakes,
         compared, None, with_estimate(worth, seen),
     )  # fmt: skip
 
@@ -291,7 +293,7 @@ def _by_posterior(asked: Request, read: FlightsRead, known: CompatibilityResult 
             vehicle, found.model, found.prepared, found.compatible,
             None if scale is None else 1.0 - scale[0],
         ),
-        tuple(dict.fromkeys((*warnings, *read.judged_warnings()))), mistakes, compared, found.estimate,
+        tuple(dict.fromkeys((*warnings, *read.warnings()))), mistakes, compared, found.estimate,
         with_estimate(worth, seen), tuple(flown),
     )  # fmt: skip
 

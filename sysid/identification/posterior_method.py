@@ -284,18 +284,18 @@ def _parts(
     index = 0
     for flight, found in zip(flights, prepared, strict=True):
         spans: list[list[float]] = []
-        stamps: list[Array] = []
-        alpha: list[Array] = []
+        path: dict[str, tuple[list[Array], list[Array]]] = {"alpha": ([], []), "beta": ([], [])}
         for stretch in found.stretches:
             begin, end = float(stretch.record.time_s[0]), float(stretch.record.time_s[-1])
-            stamps.append(stretch.record.time_s)
-            alpha.append(compatible.states[index]["alpha"])
+            for name, (stamps, values) in path.items():
+                stamps.append(stretch.record.time_s)
+                values.append(compatible.states[index][name])
             index += 1
             if spans and begin - spans[-1][1] < _JOINED_S and end - spans[-1][0] <= _LONGEST_S:
                 spans[-1][1] = end
             else:
                 spans.append([begin, end])
-        by_kinematics = (np.concatenate(stamps), np.concatenate(alpha))
+        by_kinematics = {name: (np.concatenate(t), np.concatenate(v)) for name, (t, v) in path.items()}
         for begin, end in spans:
             if end - begin < _SHORTEST_S and len(spans) > 1:
                 continue

@@ -9,7 +9,7 @@ import numpy as np
 
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
-from sysid.errors import SignalError, SysidError
+from sysid.errors import SegmentError, SignalError, SysidError
 from sysid.signal_check.corrected_faults import repaired
 from sysid.signal_check.dead_airspeed import with_airspeed
 from sysid.signal_check.fault import Mistake
@@ -81,10 +81,32 @@ def meant(
 
 @dataclass(frozen=True)
 class FlightsRead:
-    """The flights of a job as their sensors meant them: those that are fitted, and those that a model is judged by."""
+    """The flights of a job as their sensors meant them: those that are fitted, and those that a model is judged by.
+
+    left_out: of which others no part is long enough, and why.
+    """
 
     fitted: Sequence[RepairedFlight]
     judges: Sequence[RepairedFlight]
+    left_out: tuple[str, ...] = ()
+
+    def as_measured(
+        self, vehicle: Vehicle, start_s: float | None, stop_s: float | None
+    ) -> tuple[FlightsRead, list[Prepared]]:
+        """The flights of which a part can be taken as it was measured (RepairedFlight.as_measured), and those parts.
+
+        Raises SegmentError where there is none.
+        """
+        kept, prepared, errors = [], [], []
+        for one in self.fitted:
+            try:
+                prepared.append(one.as_measured(vehicle, start_s, stop_s))
+                kept.append(one)
+            except SegmentError as error:
+                errors.append(error)
+        if not kept:
+            raise errors[0]
+        return replace(self, fitted=kept, left_out=(*self.left_out, *map(_left_out, errors))), prepared
 
     def mistakes(self) -> tuple[Mistake, ...]:
         """What was mended in the flights that are fitted, or reported of them."""
@@ -108,10 +130,10 @@ class FlightsRead:
         sensor = replace(sensor, scale_std=float(np.hypot(sensor.scale_std or 0.0, share)))
         return replace(vehicle, sensors=replace(vehicle.sensors, airspeed=sensor))
 
-    def judged_warnings(self) -> list[str]:
-        """What is reported of the flights to judge by."""
+    def warnings(self) -> list[str]:
+        """What is reported of the flights that are left out, and of those to judge by."""
         each = [(one.prepared.warnings, [mistake.sentence for mistake in one.mistakes]) for one in self.judges]
-        return [line for warnings, mistakes in each for line in (*warnings, *mistakes)]
+        return [*self.left_out, *(line for warnings, mistakes in each for line in (*warnings, *mistakes))]
 
 
 def read_flights(
@@ -122,16 +144,28 @@ def read_flights(
     start_s: float | None,
     stop_s: float | None,
 ) -> FlightsRead:
-    """The flights of a job. start_s, stop_s: the part of those that are fitted.
+    """The flights of a job. start_s, stop_s: the part of those that are fitted. One of several that is too short is
+    left out, and named.
 
-    Raises SysidError where one lacks what is needed, or one to judge by is no flight.
+    Raises SysidError where one lacks what is needed, all are too short, or one to judge by is no flight.
     """
-    fitted = [meant(one, vehicle, as_recorded, start_s, stop_s) for one in flights]
+    fitted, errors = [], []
+    for flight in flights:
+        try:
+            fitted.append(meant(flight, vehicle, as_recorded, start_s, stop_s))
+        except SegmentError as error:
+            errors.append(error)
+    if errors and not fitted:
+        raise errors[0]
     judges = [meant(one, vehicle, as_recorded) for one in validate_on]
     for one in judges:
         if one.doubt is not None:
             raise one.doubt
-    return FlightsRead(fitted, judges)
+    return FlightsRead(fitted, judges, tuple(map(_left_out, errors)))
+
+
+def _left_out(error: SegmentError) -> str:
+    return f"left out: {error}"
 
 
 def bridged(signals: FlightSignals) -> FlightSignals:

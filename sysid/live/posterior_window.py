@@ -164,12 +164,12 @@ def _unknown(names: Iterable[str], why: str) -> dict[str, CoefficientStatus]:
 
 
 def _parts(flight: FlightSignals, vehicle: Vehicle, begin_s: float, end_s: float) -> Sequence[FlightPart]:
-    """The window as the estimator takes it, an angle of attack without a vane by kinematics."""
+    """The window as the estimator takes it; what kinematics say of flow angles without a vane beside it."""
     vanes = [name for name in _ANGLES if name in flight.signals and _goes_on(flight.signals[name].time_s, end_s)]
+    if len(vanes) == len(_ANGLES):
+        return [make_part(flight, vehicle, begin_s, end_s)]
     there = {name: one for name, one in flight.signals.items() if name not in _ANGLES or name in vanes}
     flight = replace(flight, signals=there)
-    if "alpha" in vanes:
-        return [make_part(flight, vehicle, begin_s, end_s)]
     return flown([prepared_flight(without_dead(flight), vehicle, begin_s, end_s)], vehicle).parts
 
 

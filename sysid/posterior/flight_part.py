@@ -34,6 +34,8 @@ _HALF_SAMPLES = 2.6
 # By which an airspeed's position error is estimated, s: speeds change as slowly.
 _SLOW_HALF_S = 1.5
 _DEAD = 1e-6
+# Standard deviation of a sideslip, rad, that an aircraft may fly with.
+_USUAL_SIDESLIP = 0.3
 # Samples of what an estimate cannot do without, in a part of a flight.
 _FEWEST = 10
 _THRUST_HALF_S = 0.1
@@ -123,7 +125,7 @@ def make_part(
     vehicle: Vehicle,
     begin: float,
     end: float,
-    reconstructed: tuple[Array, Array] | None = None,
+    reconstructed: Mapping[str, tuple[Array, Array]] | None = None,
 ) -> FlightPart:
     """Prepare one part of a flight for the estimator.
 
@@ -137,8 +139,8 @@ def make_part(
         The vehicle that flew.
     begin, end : float
         First and last moment of the part, s on the flight's clock.
-    reconstructed : tuple[Array, Array], optional
-        alpha by kinematics for where no vane is: stamps [s] and values [rad], shape (M,) each.
+    reconstructed : Mapping[str, tuple[Array, Array]], optional
+        alpha or beta by kinematics for where no vane is: stamps [s] and values [rad], shape (M,) each.
 
     Returns
     -------
@@ -185,7 +187,7 @@ def make_part(
         raise SignalError(f"{signals.name}: the airspeed reads nothing: its sensor is dead or not connected")
     alive = {name: one for name, one in read.items() if one[0].size >= 10 and float(np.std(one[1])) > _DEAD}
     rough = _smooth((stamps, airspeed), grid, _HALF_S["airspeed"])
-    motion |= _flow(alive, reconstructed, motion, rough, grid, vehicle)
+    motion |= _flow(alive, reconstructed or {}, motion, rough, grid, vehicle)
     # The fast part of a vane's reading is gusts, and what goes with them takes their answer for its own.
     motion["slow_alpha"] = smoothed(grid, motion["alpha"], grid, _SLOW_HALF_S)
     messages = {name: one.source.partition(".")[0] for name, one in signals.signals.items()}
@@ -275,14 +277,15 @@ def _thrust(
 
 def _flow(
     read: Mapping[str, tuple[Array, Array]],
-    reconstructed: tuple[Array, Array] | None,
+    reconstructed: Mapping[str, tuple[Array, Array]],
     motion: Mapping[str, Array],
     speed: Array,
     grid: Array,
     vehicle: Vehicle,
 ) -> dict[str, Array]:
     """alpha and beta at the centre of gravity, from the vanes; else alpha from kinematics, and no sideslip: without a
-    vane those mistake wind for it, and the lateral motion is simulated.
+    vane those may mistake wind for it, and the lateral motion is simulated. As kinematics have it, it is good for
+    values to start from (`start_beta`), where it is one that an aircraft flies with.
     """
     sensors, found = vehicle.sensors, {}
     for name in ("alpha", "beta"):
@@ -290,13 +293,25 @@ def _flow(
             found[name] = _flow_read(read[name], grid)
         elif name == "beta":
             found[name] = np.zeros(grid.size)
-        elif reconstructed is not None:
-            found[name] = np.interp(grid, *reconstructed)
+            slip = _usual_sideslip(reconstructed, grid)
+            if slip is not None:
+                found["start_beta"] = slip
+        elif name in reconstructed:
+            found[name] = np.interp(grid, *reconstructed[name])
         else:
             raise SignalError("no angle of attack: neither a vane nor what kinematics could take it from")
     for name in read.keys() & found.keys():
         found[name] = _at_centre(name, found[name], found["alpha"], motion, speed, sensors)
     return found
+
+
+def _usual_sideslip(reconstructed: Mapping[str, tuple[Array, Array]], grid: Array) -> Array | None:
+    """(N,) the sideslip by kinematics, without its mean, rad; None where it is no aircraft's."""
+    if "beta" not in reconstructed:
+        return None
+    slip = np.interp(grid, *reconstructed["beta"])
+    slip -= float(np.mean(slip))
+    return slip if float(np.std(slip)) < _USUAL_SIDESLIP else None
 
 
 def _at_centre(

@@ -89,7 +89,8 @@ def _columns(part: FlightPart, vehicle: Vehicle, delay: float) -> dict[str, Arra
     """Coefficients and their regressors along a part."""
     dt = float(part.grid[1] - part.grid[0])
     mass, geometry, motion, V = vehicle.mass, vehicle.geometry, part.motion, part.airspeed.values
-    p, q, r, alpha, beta = (motion[name] for name in ("p", "q", "r", "alpha", "beta"))
+    p, q, r, alpha = (motion[name] for name in ("p", "q", "r", "alpha"))
+    beta = motion.get("start_beta", motion["beta"])
     pd, qd, rd, ad = (np.gradient(one, dt) for one in (p, q, r, alpha))
     x, y, z = vehicle.sensors.accelerometer.position
     ax = motion["ax"] - (qd * z - rd * y - (q * q + r * r) * x + p * q * y + p * r * z)

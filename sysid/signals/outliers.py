@@ -14,15 +14,21 @@ _REACH = 2
 SIGMAS = 20.0
 # ... and by this share of the range that the signal otherwise covers, so that a quiet flight's one pulse is none.
 SHARE = 0.5
-# ... and where readings come so seldom, s, that two of them are as long as an aircraft's answer to a doublet, by this
-# many times that range.
-SELDOM_S, TIMES = 0.03, 5.0
+# Where readings come so seldom, s, that two of them are as long as an aircraft's answer to a doublet, none is one up to
+# what a small aircraft does: rad/s, m/s^2, rad.
+SELDOM_S = 0.03
+MOST = {
+    **dict.fromkeys(("p", "q", "r"), 12.0),
+    **dict.fromkeys(("ax", "ay", "az"), 150.0),
+    **dict.fromkeys(("alpha", "beta"), 1.0),
+    **dict.fromkeys(("phi", "theta"), 3.2),
+}
 MAD_TO_SIGMA = 1.4826
 
 
-def outliers(values: Array, interval_s: float) -> NDArray[np.bool_]:
-    """(N,) which readings are outliers. values: (N,) finite, in order of time; of angles, unwrapped. interval_s: s from
-    one to the next.
+def outliers(values: Array, least: float = 0.0) -> NDArray[np.bool_]:
+    """(N,) which readings are outliers. values: (N,) finite, in order of time; of angles, unwrapped. least: size up to
+    which none is.
 
     Where more than 1 % of the readings deviate so they are no accidents, and none counts as an outlier. Median filter
     after F. R. Hampel, "The influence curve and its role in robust estimation", JASA 69, 1974.
@@ -32,9 +38,8 @@ def outliers(values: Array, interval_s: float) -> NDArray[np.bool_]:
         return none
     off = np.abs(values - ndimage.median_filter(values, size=2 * _REACH + 1, mode="mirror"))
     low, high = np.percentile(values, (5.0, 95.0))
-    share = SHARE if interval_s < SELDOM_S else TIMES
-    limit = max(SIGMAS * MAD_TO_SIGMA * float(np.median(off)), share * float(high - low), 0.0)
-    found = _alone(values, np.asarray(off > limit), limit)
+    limit = max(SIGMAS * MAD_TO_SIGMA * float(np.median(off)), SHARE * float(high - low), 0.0)
+    found = _alone(values, np.asarray(off > limit), limit) & (np.abs(values) > least)
     return found if found.any() and found.mean() <= 0.01 else none
 
 

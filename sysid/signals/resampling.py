@@ -17,7 +17,7 @@ from sim_vehicle.vehicle.controls import Control
 from sysid.arrays import Array
 from sysid.errors import SignalError
 from sysid.signals.flight import FlightData, FlightSignals, Signal
-from sysid.signals.outliers import outliers
+from sysid.signals.outliers import MOST, SELDOM_S, outliers
 from sysid.signals.rounding import unrounded
 
 IMU = ("ax", "ay", "az", "p", "q", "r")
@@ -131,7 +131,8 @@ def _clean(flight: str, name: str, source: Signal, warnings: list[str]) -> Signa
     if name in ANGLES:
         values = np.unwrap(values)
     if not is_held(name):
-        bad = outliers(values, float(np.median(np.diff(time))))
+        seldom = float(np.median(np.diff(time))) > SELDOM_S
+        bad = outliers(values, MOST.get(name, 0.0) if seldom else 0.0)
         if bad.any():
             warnings.append(f"{name}: {int(bad.sum())} reading(s) far off their neighbours left out")
             time, values = time[~bad], values[~bad]

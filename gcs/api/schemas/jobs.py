@@ -21,6 +21,8 @@ def _bounded(value: str | dict[str, Any]) -> str | dict[str, Any]:
     left: list[Any] = [value]
     while left:
         one = left.pop()
+        if isinstance(one, str) and not _is_text(one):
+            raise ValueError("half a character (a lone surrogate) is in a text of the model")
         if isinstance(one, str) and len(one) > _LONGEST_TEXT:
             raise ValueError(f"{one[:20]}… has {len(one)} characters; one of a model has at most {_LONGEST_TEXT}")
         if isinstance(one, dict):
@@ -28,6 +30,15 @@ def _bounded(value: str | dict[str, Any]) -> str | dict[str, Any]:
         elif isinstance(one, list):
             left += one
     return value
+
+
+def _is_text(value: str) -> bool:
+    """Whether a text can be written: JSON may hold halves of characters."""
+    try:
+        value.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 _Model = Annotated[str | dict[str, Any], AfterValidator(_bounded)]

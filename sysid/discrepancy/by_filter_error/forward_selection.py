@@ -133,8 +133,8 @@ def extend(search: Search, progress: Progress) -> bool:
     found = [one for one in found if _is_possible(problem, one.candidate, one.result)]
     if not found:
         return False
-    found = [_without_absent(problem, base, one) for one in found]
     samples = float(sum(np.isfinite(one).sum() for one in base.result.residuals))
+    found = [_without_absent(problem, base, one, samples) for one in found]
     sizes = [{name: value for name, (value, _) in values_of(one.candidate, one.result).items()} for one in found]
     significances = by_information_criterion(
         [one.shown for one in found],
@@ -174,15 +174,18 @@ def extend(search: Search, progress: Progress) -> bool:
     return True
 
 
-def _without_absent(problem: Problem, base: FittedModel, whole: Finalist) -> Finalist:
-    """A finalist without parameters that are as good as absent, where the likelihood is as great without them."""
+def _without_absent(problem: Problem, base: FittedModel, whole: Finalist, samples: float) -> Finalist:
+    """A finalist without parameters that are as good as absent, where it is likelier without them (see
+    `by_information_criterion`).
+    """
     fewer = without_absent(whole.candidate, values_of(whole.candidate, whole.result))
     begun = None if fewer is None else fit_short(problem, base, fewer, fewer.starts[0])
     if fewer is None or begun is None:
         return whole
     result = fit_full(problem, base, fewer, begun)
     lost = 2.0 * (result.cost - whole.result.cost)
-    return Finalist(fewer, result, whole.gain - lost) if lost < MIN_PROMISE else whole
+    price = (len(whole.candidate.free) - len(fewer.free)) * np.log(samples)
+    return Finalist(fewer, result, whole.gain - lost) if lost < price else whole
 
 
 def _is_possible(problem: Problem, candidate: Candidate, result: FilterErrorResult) -> bool:

@@ -64,7 +64,7 @@ def compare(asked: Asked, read: FlightsRead, proposed: Sequence[Named] = ()) -> 
     """
     progress, vehicle, model = asked.progress, asked.vehicle, asked.model
     read.require_airspeed()
-    prepared = [one.as_measured(vehicle, asked.start_s, asked.stop_s) for one in read.fitted]
+    read, prepared = read.as_measured(vehicle, asked.start_s, asked.stop_s)
     progress(0.08, "data compatibility")
     compatible, span = check_compatibility(prepared), (asked.start_s, asked.stop_s)
     worth = flights_quality([one.signals for one in read.fitted], prepared, vehicle, compatible.gust_sigma, False)
@@ -108,7 +108,7 @@ def compare(asked: Asked, read: FlightsRead, proposed: Sequence[Named] = ()) -> 
         worth,
         (
             *(w for one in prepared for w in one.warnings), *(one.sentence for one in read.mistakes()),
-            *read.judged_warnings(), *lacking,
+            *read.warnings(), *lacking,
         ),
     )  # fmt: skip
 

@@ -134,11 +134,11 @@ def _outcome(
             [one.prepared for one in read.judges], [one.signals for one in read.judges], asked, motion, (base, before),
             (best, after), kinematics,
         )  # fmt: skip
-    warnings = [*seen.warnings, *(one.sentence for one in read.mistakes()), *read.judged_warnings(), *base.warnings]
+    warnings = [*seen.warnings, *(one.sentence for one in read.mistakes()), *read.warnings(), *base.warnings]
     return Outcome(
         "map", verdict, tuple(found.named), after, found.ruled_out, used, judged,
         seen.compatible.gust_sigma,
-        flights_quality(asked.flights, seen.prepared, vehicle, seen.compatible.gust_sigma, True), tuple(warnings),
+        flights_quality(signals, seen.prepared, vehicle, seen.compatible.gust_sigma, True), tuple(warnings),
     )  # fmt: skip
 
 

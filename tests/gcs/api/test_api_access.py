@@ -519,3 +519,10 @@ def test_places_that_were_taken_are_refusals_and_a_break_in_the_middle_is_none(t
     for status in (201, 503, 507, 500, 422):
         audit.note("anna", "operator", "1", "POST", "/api/flights", status)
     assert [line["status"] for line in audit.last(10, changes_alone=True)] == [500, 201]
+
+
+def test_a_log_that_is_closed_without_a_line_is_read_all_the_same(tmp_path: Path) -> None:
+    audit = Audit(tmp_path / "audit.jsonl", tmp_path / "refusals.jsonl")
+    audit.close()
+    audit.close()
+    assert audit.last(10) == []

@@ -307,7 +307,15 @@ def test_nobody_takes_all_places_of_uploads(make_bench: Callable[..., Bench]) ->
 def test_an_upload_that_only_drips_gives_its_place_back(
     bench: Bench, client: httpx.Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """Where others wait for it; else it may take its time."""
     monkeypatch.setattr("gcs.api.upload._WATCHED_S", 0.2)
+    crowded: list[bool] = []
+
+    def full(_: Places) -> bool:
+        crowded.append(len(crowded) >= 3)
+        return crowded[-1]
+
+    monkeypatch.setattr(Places, "full", property(full))
     with connect(client) as one:
         head = "POST /api/flights?name=a.bin HTTP/1.1\r\nHost: localhost\r\nContent-Length: 500000"
         one.sendall(f"{head}\r\n\r\n".encode())
@@ -318,6 +326,7 @@ def test_an_upload_that_only_drips_gives_its_place_back(
             with contextlib.suppress(TimeoutError):
                 answer = one.recv(1000)
     assert answer.startswith(b"HTTP/1.1 408")
+    assert crowded == [False, False, False, True]
     wait_until(lambda: not list(bench.settings.data.glob("upload-*")))
 
 
@@ -490,3 +499,10 @@ def test_a_text_of_which_each_line_takes_longer_than_the_last_is_refused_before_
     text = "[zz]\n" + "\n".join(f"a.b.c.d{number} = 1" for number in range(999))
     said = client.post("/api/vehicles/check", json={"toml": text, "form": {"name": "a"}}).json()["problem"]
     assert "more than 50 keys have dots in line 52" in said
+
+
+def test_half_a_character_in_a_model_is_said(client: httpx.Client, bench: Bench) -> None:
+    flight = bench.record(1, 2, START)
+    body = b'{"kind": "identify", "structure": {"name": "\\ud800", "coefficients": {}}}'
+    answer = client.post(f"/api/flights/{flight}/jobs", content=body, headers={"Content-Type": "application/json"})
+    assert "half a character" in problem(answer, 422)

@@ -61,3 +61,9 @@ def test_there_are_two_places_and_stopping_the_service_ends_what_is_worked_on(se
         for one in asked:
             assert isinstance(one.exception(PATIENCE_S), ServiceError)
     assert not list(settings.data.glob("draft-*"))
+
+
+def test_a_folder_that_takes_nothing_is_named(tmp_path: Path) -> None:
+    gone = Settings(data=tmp_path / "gone")
+    with pytest.raises(ServiceError, match=r"gone: No such file or directory; a form needs a little room there"):
+        Drafts(gone).filled("name = 'x'", ANSWERS)

@@ -215,6 +215,16 @@ def test_a_flight_that_is_none_is_told_in_one_line(six_axes: FlightSignals) -> N
         assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize("method", ["auto", "map", "ee", "oe"])
+def test_of_several_flights_one_that_is_too_short_is_left_out_and_named(six_axes: FlightSignals, method: str) -> None:
+    short = replace(cut(six_axes, 2.0), name="short")
+    found = identify([short, six_axes], VEHICLE, method=method, systematic=False)
+    assert [one.data.name for one in found.flights] == ["multisine-1"]
+    assert any(warning.startswith("left out: short: ") for warning in found.warnings)
+    alone = identify([six_axes], VEHICLE, method=method, systematic=False)
+    assert found.model.values() == pytest.approx(alone.model.values(), rel=1e-9)
+
+
 def test_a_part_that_holds_no_data_is_told_in_one_line(six_axes: FlightSignals) -> None:
     for start, stop in ((100.0, 120.0), (5.0, 5.5), (9.0, 3.0)):
         with pytest.raises(SegmentError) as caught:
