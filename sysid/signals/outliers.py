@@ -23,6 +23,7 @@ MOST = {
     **dict.fromkeys(("alpha", "beta"), 1.0),
     **dict.fromkeys(("phi", "theta"), 3.2),
 }
+# Standard deviation of a Gaussian over its median absolute deviation.
 MAD_TO_SIGMA = 1.4826
 
 
