@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 
 from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS
 from sim_vehicle.vehicle.vehicle_file import Vehicle, stronger
@@ -25,7 +26,7 @@ PARTS = 1000.0
 class ConsiderParameter:
     """One quantity that is not estimated. stated: whether the vehicle file says how well it is known: by one standard
     deviation then, which the error bars hold; else by a usual amount, which stands beside them. changed: what a
-    model of the vehicle is given with so small a part of that error (one of PARTS) that outputs move in proportion.
+    model of the vehicle is given with so small a part of that error (one of PARTS) that outputs move in proportion; results are pickled with it.
     """
 
     name: str
@@ -36,37 +37,34 @@ class ConsiderParameter:
 def doubts_of(vehicle: Vehicle, thrust_measured: bool) -> tuple[ConsiderParameter, ...]:
     """Doubts of a vehicle; thrust_measured: whether it was measured in the flight."""
     found = [_mass(name, change) for name, change in doubts_of_mass(vehicle).items()]
-    found.append(
-        ConsiderParameter(DENSITY, False, lambda vehicle: PerturbedInputs(vehicle, density=1.0 + DENSITY_SHARE / PARTS))
-    )
+    found.append(ConsiderParameter(DENSITY, False, partial(PerturbedInputs, density=1.0 + DENSITY_SHARE / PARTS)))
     found += _linkages(vehicle)
     for name, outputs in _OUTPUTS.items():
         if std := vehicle.sensors[name].scale_std:
             found.append(_readings(f"{name}_scale", outputs, std))
     if not thrust_measured and vehicle.propulsion is not None:
-        found.append(
-            ConsiderParameter(
-                "thrust_5pct", False, lambda vehicle: PerturbedInputs(stronger(vehicle, 1.0 + 0.05 / PARTS))
-            )
-        )
+        found.append(ConsiderParameter("thrust_5pct", False, _stronger))
     return tuple(found)
 
 
 def flow_doubts(name: str, scale: float, zero: float) -> tuple[ConsiderParameter, ...]:
     """Scale and zero [rad], one standard deviation each, of the vane of `name` (alpha, beta) whose flow is imposed."""
     return (
-        ConsiderParameter(
-            f"{name}_scale_std", True, lambda vehicle: PerturbedInputs(vehicle, flow=1.0 + scale / PARTS)
-        ),
-        ConsiderParameter(f"{name}_zero_std", True, lambda vehicle: PerturbedInputs(vehicle, flow_zero=zero / PARTS)),
+        ConsiderParameter(f"{name}_scale_std", True, partial(PerturbedInputs, flow=1.0 + scale / PARTS)),
+        ConsiderParameter(f"{name}_zero_std", True, partial(PerturbedInputs, flow_zero=zero / PARTS)),
     )
 
 
 def _mass(name: str, change: Mapping[str, float]) -> ConsiderParameter:
-    def changed(vehicle: Vehicle) -> PerturbedInputs:
-        return PerturbedInputs(heavier(vehicle, change, 1.0 / PARTS))
+    return ConsiderParameter(name, is_stated(name), partial(_heavier, change=dict(change)))
 
-    return ConsiderParameter(name, is_stated(name), changed)
+
+def _heavier(vehicle: Vehicle, change: Mapping[str, float]) -> PerturbedInputs:
+    return PerturbedInputs(heavier(vehicle, change, 1.0 / PARTS))
+
+
+def _stronger(vehicle: Vehicle) -> PerturbedInputs:
+    return PerturbedInputs(stronger(vehicle, 1.0 + 0.05 / PARTS))
 
 
 def _linkages(vehicle: Vehicle) -> list[ConsiderParameter]:
@@ -84,12 +82,9 @@ def _linkages(vehicle: Vehicle) -> list[ConsiderParameter]:
 
 
 def _commands(name: str, stated: bool, gains: dict[str, float], biases: dict[str, float]) -> ConsiderParameter:
-    return ConsiderParameter(name, stated, lambda vehicle: PerturbedInputs(vehicle, gains=gains, biases=biases))
+    return ConsiderParameter(name, stated, partial(PerturbedInputs, gains=gains, biases=biases))
 
 
 def _readings(name: str, outputs: tuple[str, ...], share: float) -> ConsiderParameter:
-    return ConsiderParameter(
-        f"{name}_std",
-        True,
-        lambda vehicle: PerturbedInputs(vehicle, readings=dict.fromkeys(outputs, 1.0 + share / PARTS)),
-    )
+    readings = dict.fromkeys(outputs, 1.0 + share / PARTS)
+    return ConsiderParameter(f"{name}_std", True, partial(PerturbedInputs, readings=readings))
