@@ -26,7 +26,8 @@ PARTS = 1000.0
 class ConsiderParameter:
     """One quantity that is not estimated. stated: whether the vehicle file says how well it is known: by one standard
     deviation then, which the error bars hold; else by a usual amount, which stands beside them. changed: what a
-    model of the vehicle is given with so small a part of that error (one of PARTS) that outputs move in proportion; results are pickled with it.
+    model of the vehicle is given with so small a part of that error (one of PARTS) that outputs move in proportion;
+    results are pickled with it.
     """
 
     name: str
