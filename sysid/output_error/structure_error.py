@@ -53,7 +53,8 @@ class _AxisTerms:
     """One axis: its terms in the structure and the further ones, K of them.
 
     projection: (terms, K) P. root: (K, K) upper triangular; root @ gamma are K numbers whose square sum is the mean
-    square of the misfit. swing: root mean square by which the coefficient of the axis changes along the flight.
+    square of the misfit. swing, size: root mean square by which the coefficient of the axis changes along the flight,
+    and of all of it.
     """
 
     name: str
@@ -62,6 +63,7 @@ class _AxisTerms:
     projection: Array
     root: Array
     swing: float
+    size: float
 
 
 @dataclass(frozen=True)
@@ -110,9 +112,9 @@ class WithExtraTerms:
 
     @property
     def share(self) -> float:
-        """Largest share of an axis' swing that the structure does not hold, of the axes that show it."""
+        """Largest share of an axis' coefficient that the structure does not hold, of the axes that show it."""
         parts = [(axis, self._parts(axis)) for axis in self.axes if axis.name in self.shown]
-        return max((float(np.linalg.norm(one)) / max(axis.swing, _LEAST_SWING) for axis, one in parts), default=0.0)
+        return max((float(np.linalg.norm(one)) / max(axis.size, _LEAST_SWING) for axis, one in parts), default=0.0)
 
     def _parts(self, axis: _AxisTerms) -> Array:
         values = {p.name: float(v) for p, v in zip(self.result.parameters, self.result.theta, strict=False)}
@@ -161,7 +163,7 @@ def widened(
         raise EstimationError("the misfit's size does not settle")
     # The motion of the wider estimate is the one flown, and nearest means along that.
     along = _along(wider, build(wider, extended, names, effects, estimate.sigma), names, estimate)
-    nearest = tuple(_nearest(axis.name, axis.own, axis.further, along, axis.swing) for axis in found)
+    nearest = tuple(_nearest(axis.name, axis.own, axis.further, along, axis.swing, axis.size) for axis in found)
     return WithExtraTerms(wider, extended, names, estimate, nearest, shown)
 
 
@@ -228,19 +230,20 @@ def _axes(
         _, triangle, order = linalg.qr(outside, mode="economic", pivoting=True)
         kept = np.sort(order[np.abs(np.diag(triangle)) > _SMALL_PART * np.sqrt(len(M))])
         if kept.size:
-            swing = float(np.std(_products(own, along) @ np.array([result.value(term) for term in own])))
-            found.append(_nearest(name, own, tuple(further[i] for i in moving[kept]), along, swing))
+            path = _products(own, along) @ np.array([result.value(term) for term in own])
+            swing, size = float(np.std(path)), float(np.sqrt(np.mean(path**2)))
+            found.append(_nearest(name, own, tuple(further[i] for i in moving[kept]), along, swing, size))
     return found
 
 
 def _nearest(
-    name: str, own: tuple[str, ...], further: tuple[str, ...], along: Mapping[str, Array], swing: float
+    name: str, own: tuple[str, ...], further: tuple[str, ...], along: Mapping[str, Array], swing: float, size: float
 ) -> _AxisTerms:
     """The axis with what its further terms are along a motion."""
     M = _products(further, along)
     projection = _projection(own, M, along)
     root = np.linalg.qr(M - _products(own, along) @ projection, mode="r") / np.sqrt(len(M))
-    return _AxisTerms(name, own, further, projection, root, swing)
+    return _AxisTerms(name, own, further, projection, root, swing, size)
 
 
 def _projection(own: Sequence[str], M: Array, along: Mapping[str, Array]) -> Array:
