@@ -57,8 +57,8 @@ if TYPE_CHECKING:
 
 # Standard errors beyond which a sensor error by output error is not the one by kinematics.
 _PULLED = 4.0
-# Share of an axis' coefficient that the structure does not hold, from which on output error is not believed: 0.004 where
-# hardly anything is missing, 0.04 to 0.09 with aircraft of tables.
+# Share of an axis' coefficient that the structure does not hold, from which on output error is not believed: 0.004
+# where hardly anything is missing, 0.04 to 0.09 with aircraft of tables.
 _MISFIT = 0.02
 METHODS = ("auto", "map", "ee", "oe", "fe")
 
