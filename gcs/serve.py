@@ -52,6 +52,8 @@ _log = logging.getLogger(__name__)
 
 # Open files and sockets that are asked for where a system sets no limit.
 _DESCRIPTORS = 8192
+# Bytes of a request before its body: a query of thousands of names is answered in words.
+_LONGEST_HEAD = 64 * 1024
 # What the service writes is nobody's but its user's and, to read, its group's.
 _UMASK = 0o027
 
@@ -131,7 +133,13 @@ def _configuration(app: FastAPI, settings: Settings, protocol: type[BoundedProto
     """Of uvicorn, whose log goes with ours where ours is JSON. Requests are logged by gcs.api.request_ids alone."""
     own_log = None if settings.json_log else LOGGING_CONFIG
     return uvicorn.Config(
-        app, log_level="warning", log_config=own_log, access_log=False, timeout_graceful_shutdown=3, http=protocol
+        app,
+        log_level="warning",
+        log_config=own_log,
+        access_log=False,
+        timeout_graceful_shutdown=3,
+        http=protocol,
+        h11_max_incomplete_event_size=_LONGEST_HEAD,
     )
 
 

@@ -17,6 +17,8 @@ _REFUSED = {
     "403": "The token's role may not do this, or a page of another site asks",
     "429": "Too many wrong tokens; wait",
 }
+_LATER = "The catalogue is held by another program, or the service is ending: come again"
+_SLOW = "The body does not come in time"
 _SCHEMES = {
     "token": {"type": "http", "scheme": "bearer", "description": "A token of the station; none where none was made"},
     "session": {"type": "apiKey", "in": "cookie", "name": COOKIE, "description": "What POST /api/login keeps"},
@@ -44,7 +46,9 @@ def _with_problems(schema: dict[str, Any]) -> dict[str, Any]:
             responses = path[method]["responses"]
             if "requestBody" in path[method]:
                 responses.setdefault("400", {"description": _NO_JSON})
+                responses.setdefault("408", {"description": _SLOW})
                 responses.setdefault("413", {"description": _TOO_LARGE})
+            responses.setdefault("503", {"description": _LATER})
             if name not in OPEN_PATHS:
                 path[method]["security"] = [{scheme: []} for scheme in _SCHEMES]
             for status in ("403",) if name in OPEN_PATHS else _REFUSED:
