@@ -354,7 +354,7 @@ class VaneReading:
             read = read + 2.0 * damping / omega * np.interp(later, grid, self.rate)
             read += np.interp(later, grid, self.curvature) / omega**2
         read = read / values[f"{self.name}_scale"]
-        return with_flow(part, self.name, sensors, read).motion[self.name]
+        return _at_centre(self.name, read, part.motion["alpha"], part.motion, part.airspeed.values, sensors)
 
 
 def vane_reading(part: FlightPart, name: str) -> VaneReading:
