@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from gcs.vehicles.document import NUMBER_NAMES, SENSOR_NAMES, Answers, BenchAnswer, ControlAnswer, ServoAnswer
 from gcs.vehicles.shelf import LARGEST
 from gcs.vehicles.trends import Change
+from sim_vehicle.physics.layout import MOST_CONTROLS
 from sim_vehicle.vehicle.controls import CONTROL_NAMES
 
 _STRICT = ConfigDict(extra="forbid")
@@ -19,7 +20,9 @@ _Word = Annotated[str, Field(min_length=1, max_length=40, pattern=r"^[A-Za-z0-9_
 
 
 class ServoForm(BaseModel):
-    """One servo of a control: pulses, us, and the deflections there, deg (throttle: %)."""
+    """One servo of a control: pulses, us, and the deflections there, deg (throttle: %; a control of another name: as
+    the vehicle file has them).
+    """
 
     model_config = _STRICT
 
@@ -59,7 +62,7 @@ class VehicleForm(BaseModel):
 
     name: _Name
     numbers: dict[Literal[NUMBER_NAMES], _Finite] = Field(default_factory=dict)  # type: ignore[valid-type]
-    controls: dict[Literal[CONTROL_NAMES], ControlForm] = Field(default_factory=dict)  # type: ignore[valid-type]
+    controls: dict[_Word, ControlForm] = Field(default_factory=dict, max_length=len(CONTROL_NAMES) + MOST_CONTROLS)
     places: dict[Literal[SENSOR_NAMES], _Place] = Field(default_factory=dict)  # type: ignore[valid-type]
     bench: dict[_Word, BenchForm] = Field(default_factory=dict, max_length=30)
 

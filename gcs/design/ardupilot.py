@@ -85,8 +85,10 @@ def _level(vehicle: Vehicle, model: Model) -> dict[int, float]:
     if "aileron" not in vehicle.controls or abs(roll) < 1e-3:
         return {}
     outputs = ServoOutputs(vehicle)
-    moved = trim.command + np.array([0.0, _PROBE, 0.0, 0.0])
-    before, after = outputs.pulses(trim.command), outputs.pulses(moved)
+    level = np.append(trim.command, np.zeros(len(vehicle.named_controls)))
+    moved = level.copy()
+    moved[1] += _PROBE
+    before, after = outputs.pulses(level), outputs.pulses(moved)
     return {
         servo: (after[servo] - before[servo]) / _PROBE * _BANK_STIFFNESS / roll
         for servo in before
@@ -99,26 +101,24 @@ def _segments(vehicle: Vehicle, pulses: PulseSchedule, rate_hz: float) -> Iterab
     for name, begin, end in pulses.schedule.segments:
         inside = (pulses.time_s > begin - 1e-9) & (pulses.time_s < end - 1e-9)
         freed = pulses.freed & inside[:, None]
-        if not freed.any():
+        # Controls of other names are the plan's while it moves them, and the autopilot keeps the rest.
+        moved = (pulses.schedule.increments[:, 4:] != 0.0) & inside[:, None]
+        active = freed.any(axis=1) | moved.any(axis=1)
+        if not active.any():
             continue
-        first, last = np.flatnonzero(freed.any(axis=1))[[0, -1]]
-        groups = [group for j, group in enumerate(_GROUPS) if freed[:, j].any()]
+        first, last = np.flatnonzero(active)[[0, -1]]
+        released = [control for j, group in enumerate(_GROUPS) if freed[:, j].any() for control in group]
+        released += [name for j, name in enumerate(vehicle.named_controls) if moved[:, j].any()]
         held = sorted(
-            {
-                servo
-                for group in groups
-                for control in group
-                if control in vehicle.controls
-                for servo in vehicle.controls[control].servos
-            }
+            {servo for control in released if control in vehicle.controls for servo in vehicle.controls[control].servos}
         )
         offsets = {servo: pulses.pulses[servo][first : last + 1] - pulses.trim[servo] for servo in held}
-        moved = {servo: values for servo, values in offsets.items() if values.any()}
+        shown = {servo: values for servo, values in offsets.items() if values.any()}
         yield [
             f'   {{ name = "{name}", from = {first / rate_hz:g}, to = {(last + 1) / rate_hz:g},',
             f"     held = {{ {', '.join(map(str, held))} }},",
             "     offsets = {",
-            *(f'       [{servo}] = "{_runs(values.tolist())}",' for servo, values in moved.items()),
+            *(f'       [{servo}] = "{_runs(values.tolist())}",' for servo, values in shown.items()),
             "     } },",
         ]
 

@@ -48,10 +48,11 @@ def pulse_schedule(vehicle: Vehicle, model: Model, plan: Plan, rate_hz: float) -
 
     Raises SimVehicleError where the model has no trim at the vehicle file's airspeed.
     """
-    schedule = Schedule(plan, 1.0 / rate_hz)
+    schedule = Schedule(plan, 1.0 / rate_hz, vehicle.named_controls)
     outputs = ServoOutputs(vehicle)
     limits = outputs.limits
     command = Plant(vehicle, model).trim().command
+    command = np.append(command, np.zeros(len(vehicle.named_controls)))
     rows = [outputs.pulses(np.clip(command + added, limits[:, 0], limits[:, 1])) for added in schedule.increments]
     servos = sorted(rows[0])
     return PulseSchedule(

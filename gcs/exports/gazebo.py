@@ -64,7 +64,8 @@ def write(model: Exported, folder: Path) -> list[str]:
 
 def _elements(model: Exported) -> tuple[dict[str, dict[str, float]], list[str]]:
     """Elements of the system ("") and of each control surface, and the coefficients that there is none for."""
-    found: dict[str, dict[str, float]] = {"": {}, **{surface: {} for surface in _JOINTS}}
+    joints = _joints_of(model.vehicle)
+    found: dict[str, dict[str, float]] = {"": {}, **{surface: {} for surface in joints}}
     lost = []
     geometry = model.vehicle.geometry
     for name, value in model.model.flown().items():
@@ -75,7 +76,7 @@ def _elements(model: Exported) -> tuple[dict[str, dict[str, float]], list[str]]:
             found[""][f"{_AXES[axis]}0"] = value
         elif by in _BY:
             found[""][f"{_AXES[axis]}{_BY[by]}"] = value
-        elif by in _JOINTS:
+        elif by in joints:
             found[by][f"{_AXES[axis]}_ctrl"] = math.radians(value)
         elif name == "CD_k" and value > 0.0:
             found[""]["eff"] = geometry.S / (math.pi * geometry.b**2 * value)
@@ -85,6 +86,11 @@ def _elements(model: Exported) -> tuple[dict[str, dict[str, float]], list[str]]:
     return found, lost
 
 
+def _joints_of(vehicle: Vehicle) -> dict[str, str]:
+    """Factor of the model -> name of its joint."""
+    return {**_JOINTS, **{name: name for name in vehicle.named_controls}}
+
+
 def _model(
     vehicle: Vehicle, name: str, effects: Mapping[str, Mapping[str, float]], held: Mapping[str, Mapping[str, float]]
 ) -> _Node:
@@ -92,7 +98,8 @@ def _model(
     model = ElementTree.Element("model", name=name)
     base = ElementTree.SubElement(model, "link", name="base_link")
     base.append(_inertial(vehicle, effects))
-    for surface, joint in _JOINTS.items():
+    joints = _joints_of(vehicle)
+    for surface, joint in joints.items():
         if joint in vehicle.controls:
             model.append(_light_link(joint))
             control = vehicle.controls[joint]
@@ -119,11 +126,11 @@ def _model(
         _text(lift, tag, repr(float(value)))
     for tag, text in (("forward", "1 0 0"), ("upward", "0 0 1"), ("cp", "0 0 0"), ("link_name", "base_link")):
         _text(lift, tag, text)
-    flown = [surface for surface in _JOINTS if _JOINTS[surface] in vehicle.controls]
+    flown = [surface for surface in joints if joints[surface] in vehicle.controls]
     _text(lift, "num_ctrl_surfaces", str(len(flown)))
     for surface in flown:
         node = ElementTree.SubElement(lift, "control_surface")
-        _text(node, "name", f"{_JOINTS[surface]}_joint")
+        _text(node, "name", f"{joints[surface]}_joint")
         _text(node, "direction", "1")
         for axis in ("CD", "CY", "CL", "Cell", "Cem", "Cen"):
             _text(node, f"{axis}_ctrl", repr(held[surface].get(f"{axis}_ctrl", 0.0)))

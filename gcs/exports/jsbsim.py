@@ -2,8 +2,9 @@
 FlightGear, whose flight model JSBSim is, finds it by NAME-set.xml beside the former.
 
 Forces act in body axes at AERORP, which is put at the centre of gravity; moments are about that point, as ours.
-Deflections come from `fcs/elevator-cmd-norm`, `fcs/aileron-cmd-norm` and `fcs/rudder-cmd-norm` (-1 to 1 over the
-travel of the vehicle file, positive as the vehicle file counts), thrust from `fcs/throttle-cmd-norm` (0 to 1).
+Deflections come from `fcs/elevator-cmd-norm`, `fcs/aileron-cmd-norm` and `fcs/rudder-cmd-norm`, of a control of another
+name from `fcs/gcs/NAME-cmd-norm` (-1 to 1 over the travel of the vehicle file, positive as the vehicle file counts),
+thrust from `fcs/throttle-cmd-norm` (0 to 1).
 """
 
 from __future__ import annotations
@@ -80,7 +81,8 @@ def _assumed(model: Exported, effects: dict[str, dict[str, float]]) -> list[str]
         )
     else:
         notes = []
-    bare = [one for one, _ in _SURFACES.values() if one in vehicle.controls and not vehicle.controls[one].servos]
+    named = _places(vehicle).values()
+    bare = [one for one, _ in named if one in vehicle.controls and not vehicle.controls[one].servos]
     return [*notes, *([f"travel of {', '.join(bare)} is not given: {USUAL_TRAVEL} rad assumed"] if bare else [])]
 
 
@@ -180,15 +182,17 @@ def _controls(vehicle: Vehicle, effects: dict[str, dict[str, float]]) -> _Node:
         node.append(_declared(declared))
     channel = ElementTree.SubElement(node, "channel", name="controls")
     lag = effects.get("actuator_lag", {}).get("tau")
-    for name, output in _SURFACES.values():
+    for name in vehicle.named_controls:
+        node.insert(0, _declared(_command_of(name)))
+    for name, output in _places(vehicle).values():
         if name not in vehicle.controls:
             continue
         low, high = travel_of(vehicle.controls[name])
         scale = ElementTree.SubElement(channel, "aerosurface_scale", name=f"{name} travel")
-        ElementTree.SubElement(scale, "input").text = f"fcs/{name}-cmd-norm"
+        ElementTree.SubElement(scale, "input").text = _command_of(name)
         travel = ElementTree.SubElement(scale, "range")
         ElementTree.SubElement(travel, "min").text, ElementTree.SubElement(travel, "max").text = repr(low), repr(high)
-        if lag:
+        if lag and name not in vehicle.named_controls:
             ElementTree.SubElement(scale, "output").text = f"fcs/{name}-set-rad"
             state = f"fcs/{name}-servo-rad"
             node.insert(0, _declared(state))
@@ -203,6 +207,17 @@ def _controls(vehicle: Vehicle, effects: dict[str, dict[str, float]]) -> _Node:
     else:
         channel.append(_computed("motor", _MOTOR, _property(_THROTTLE)))
     return node
+
+
+def _places(vehicle: Vehicle) -> dict[str, tuple[str, str]]:
+    """Factor of the model -> the control's name, and the property that its deflection is."""
+    return {**_SURFACES, **{name: (name, f"fcs/gcs/{name}-pos-rad") for name in vehicle.named_controls}}
+
+
+def _command_of(name: str) -> str:
+    """Property of a control's command, -1 to 1; JSBSim itself has those of three."""
+    own = any(name == control for control, _ in _SURFACES.values())
+    return f"fcs/{name}-cmd-norm" if own else f"fcs/gcs/{name}-cmd-norm"
 
 
 def _lag(name: str, source: str, output: str, tau: float) -> _Node:
@@ -349,8 +364,8 @@ def _term(term: Term, value: float, vehicle: Vehicle, effects: dict[str, dict[st
 
 def _regressor(name: str, vehicle: Vehicle) -> _Node:
     """JSBSim's expression of a regressor (sim_vehicle.model.aerodynamic_terms.REGRESSORS)."""
-    if name in _SURFACES:
-        return _property(_SURFACES[name][1])
+    if name in (places := _places(vehicle)):
+        return _property(places[name][1])
     if name in ("alpha", "beta"):
         return _property(f"aero/{name}-rad")
     if name == "CL":

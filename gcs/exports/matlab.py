@@ -80,15 +80,16 @@ def _identifier(text: str) -> str:
 
 def _function(model: Exported, name: str) -> str:
     """A function of arrays of any shape, element by element."""
+    terms = [(parse_term(key), value) for key, value in model.model.flown().items()]
+    arguments = (*_ARGUMENTS, *dict.fromkeys(term.control for term, _ in terms if term.control))
     lines = [
-        f"function [{', '.join(AXES)}] = {name}({', '.join(_ARGUMENTS)})",
+        f"function [{', '.join(AXES)}] = {name}({', '.join(arguments)})",
         f"% {model.title}.",
         f"% {AXES_AND_SIGNS}",
         "% Call it with arrays of one shape; a block of Simulink takes it as it is.",
     ]
     for axis in AXES:
         # Drag by lift follows lift.
-        terms = [(parse_term(key), value) for key, value in model.model.flown().items()]
         sums = [
             " .* ".join([f"({value!r})", *(_RATES.get(factor, factor) for factor in term.factors)])
             for term, value in terms

@@ -127,6 +127,12 @@ def latex_number(value: float, std: float | None, *, bare: bool = False) -> str:
     return f"{value:.{places}f}" if bare else rf"${value:.{places}f} \pm {std:.{places}f}$"
 
 
+def _factor(name: str) -> str:
+    """A regressor; a control of another name as a deflection with that name."""
+    word = name.replace("_", r"\,")
+    return _REGRESSORS.get(name, rf"\delta_{{\mathrm{{{word}}}}}")
+
+
 def _symbol(name: str) -> str:
     """A coefficient as the field writes it; other names as they are."""
     try:
@@ -136,5 +142,5 @@ def _symbol(name: str) -> str:
     if name == "CD_k":
         return "$k$"
     counted = {one: term.factors.count(one) for one in term.factors}
-    index = " ".join(_REGRESSORS[one] + (f"^{count}" if count > 1 else "") for one, count in counted.items()) or "0"
+    index = " ".join(_factor(one) + (f"^{count}" if count > 1 else "") for one, count in counted.items()) or "0"
     return f"$C_{{{term.axis[1:]}_{{{index}}}}}$"

@@ -19,13 +19,13 @@ from gcs.flights.forward_flight import pushes
 from gcs.flights.streams import Array, ColumnSource, Stream, load_streams
 from sim_vehicle.vehicle.controls import (
     CONTROL_NAMES,
-    DEFLECTION_SIGNALS,
     LARGEST_PWM_US,
     OUTPUTS,
     PORTS,
     Control,
     mixing_matrix,
     output_name,
+    signal_of,
 )
 from sim_vehicle.vehicle.strict_toml import Known
 from sim_vehicle.vehicle.vehicle_file import Vehicle
@@ -44,21 +44,25 @@ _SERVOS = range(1, len(PORTS) * OUTPUTS + 1)
 Mix = Mapping[str, float]
 _LEFT_ELEVON, _RIGHT_ELEVON = {"elevator": 0.5, "aileron": -0.5}, {"elevator": 0.5, "aileron": 0.5}
 _LEFT_TAIL, _RIGHT_TAIL = {"elevator": 0.5, "rudder": 0.5}, {"elevator": 0.5, "rudder": -0.5}
+_LEFT_MOTOR, _RIGHT_MOTOR = {"throttle": 1.0, "thrust_difference": 1.0}, {"throttle": 1.0, "thrust_difference": -1.0}
+# Controls whose demand is a share of their travel, 0 to 1, whatever that is.
+_SHARES = ("throttle", "thrust_difference", "flap", "airbrake", "spoiler")
 # What a servo's demand is of the demands to pitch up, roll right and yaw right. ArduPilot: by SERVOn_FUNCTION.
 _ARDUPILOT: Mapping[int, Mix] = {
     4: {"aileron": 1.0}, 19: {"elevator": 1.0}, 21: {"rudder": 1.0}, 70: {"throttle": 1.0},
-    24: {"aileron": 1.0}, 25: {"aileron": 1.0}, 73: {"throttle": 1.0}, 74: {"throttle": 1.0},
+    24: {"aileron": 1.0}, 25: {"aileron": 1.0}, 73: _LEFT_MOTOR, 74: _RIGHT_MOTOR,
+    2: {"flap": 1.0}, 3: {"flap": 1.0}, 110: {"airbrake": 1.0},
     77: _LEFT_ELEVON, 78: _RIGHT_ELEVON, 79: _LEFT_TAIL, 80: _RIGHT_TAIL,
 }  # fmt: skip
 # PX4: by CA_SV_CSn_TYPE, surfaces going up and to the right.
 _PX4: Mapping[int, Mix] = {
     1: {"aileron": -1.0}, 2: {"aileron": 1.0}, 3: {"elevator": 1.0}, 4: {"rudder": 1.0},
     5: _LEFT_ELEVON, 6: _RIGHT_ELEVON, 7: _LEFT_TAIL, 8: _RIGHT_TAIL, 15: {"aileron": 1.0},
+    9: {"flap": 1.0}, 10: {"flap": 1.0}, 11: {"airbrake": 1.0}, 17: {"spoiler": 1.0}, 18: {"spoiler": 1.0},
 }  # fmt: skip
 _PX4_MOTOR, _PX4_MOTORS, _PX4_SURFACE = 101, 12, 201
 # What else ArduPilot moves that changes the forces on an aircraft.
 _NO_CONTROL = {
-    **{2: "a flap", 3: "an automatic flap", 110: "an airbrake"},
     **dict.fromkeys((16, 17, 86, 87), "a differential spoiler"),
     **dict.fromkeys((41, 45, 46, 47, 75, 76), "a motor's tilt"),
     **{number: f"motor {number - 32}" for number in range(33, 41)},
@@ -186,14 +190,14 @@ def filled(vehicle: Vehicle, parameters: Mapping[str, float], messages: Collecti
     more = {
         name: control
         for name, control in _controls(parameters).items()
-        if name not in controls and DEFLECTION_SIGNALS[name] not in vehicle.signals and not taken & set(control.servos)
+        if name not in controls and signal_of(name) not in vehicle.signals and not taken & set(control.servos)
     }
     if np.linalg.matrix_rank(mixing_matrix(more)[1]) < len(more):
         warnings.append(
             "[controls] is not given, and the servos of the log's parameters cannot be distinguished: give it"
         )
         more = {}
-    guessed = [name for name in more if name != "throttle"]
+    guessed = [name for name in more if name not in _SHARES]
     for name, control in more.items():
         controls[name] = control
         servos = ", ".join(
@@ -251,7 +255,7 @@ def _position(parameters: Mapping[str, float], names: tuple[str, ...]) -> tuple[
 
 def _controls(parameters: Mapping[str, float]) -> dict[str, Control]:
     """Controls by what drives their servos, each with the travel that is usual."""
-    servos: dict[str, list[tuple[int, float]]] = {name: [] for name in CONTROL_NAMES}
+    servos: dict[str, list[tuple[int, float]]] = {name: [] for name in (*CONTROL_NAMES, *_SHARES)}
     curves: dict[int, tuple[float, ...]] = {}
     reversed_: dict[int, bool] = {}
     for servo, mix, pulses, turned in (*_by_ardupilot(parameters), *_by_px4(parameters)):
@@ -260,22 +264,23 @@ def _controls(parameters: Mapping[str, float]) -> dict[str, Control]:
             servos[name].append((servo, weight))
     found = {}
     for name, entries in servos.items():
-        if not entries:
+        # A difference is of two.
+        if not entries or (name == "thrust_difference" and len({weight for _, weight in entries}) < 2):
             continue
         pwm = tuple(
-            curves[servo] if name != "throttle" else curves[servo][:: len(curves[servo]) - 1] for servo, _ in entries
+            curves[servo] if name not in _SHARES else curves[servo][:: len(curves[servo]) - 1] for servo, _ in entries
         )
         travel = tuple(_travel(name, len(xs), reversed_[servo]) for (servo, _), xs in zip(entries, pwm, strict=True))
         share = sum(abs(weight) for _, weight in entries)
         weights = tuple(weight / share for _, weight in entries)
-        doubt = 0.0 if name == "throttle" else USUAL_TRAVEL_STD
+        doubt = 0.0 if name in _SHARES else USUAL_TRAVEL_STD
         found[name] = Control(name, "command", tuple(servo for servo, _ in entries), weights, pwm, travel, doubt)
     return found
 
 
 def _travel(name: str, points: int, turned: bool) -> tuple[float, ...]:
     """Deflections at the points of a servo's range: a demand to pitch up, roll right or yaw right is negative."""
-    values = (0.0, 1.0) if name == "throttle" else (USUAL_TRAVEL, 0.0, -USUAL_TRAVEL)
+    values = (0.0, 1.0) if name in _SHARES else (USUAL_TRAVEL, 0.0, -USUAL_TRAVEL)
     values = values if points == len(values) else (values[0], values[-1])
     return values[::-1] if turned else values
 
@@ -304,8 +309,11 @@ def _by_px4(parameters: Mapping[str, float]) -> Iterator[tuple[int, Mix, tuple[f
             middle = parameters.get(f"PWM_{name}_CENT{output}", -1.0)
             middle = middle if low < middle < high else (low + high) / 2.0
             kind = int(parameters.get(f"CA_SV_CS{function - _PX4_SURFACE}_TYPE", 0.0))
-            motor = 0 <= function - _PX4_MOTOR < _PX4_MOTORS and pushes(parameters, function - _PX4_MOTOR)
-            mix = {"throttle": 1.0} if motor else _PX4.get(kind) if function >= _PX4_SURFACE else None
+            motor = function - _PX4_MOTOR
+            mix = _PX4.get(kind) if function >= _PX4_SURFACE else None
+            if 0 <= motor < _PX4_MOTORS and pushes(parameters, motor):
+                place = parameters.get(f"CA_ROTOR{motor}_PY", 0.0)
+                mix = _LEFT_MOTOR if place < 0.0 else _RIGHT_MOTOR if place > 0.0 else {"throttle": 1.0}
             if mix is not None and 0.0 < low < high <= LARGEST_PWM_US:
                 is_turned = bool(turned >> (output - 1) & 1)
                 yield OUTPUTS * port + output, mix, _pulses(low, middle, high), is_turned

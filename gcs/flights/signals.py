@@ -24,7 +24,7 @@ from gcs.flights.signal_sources import (
 )
 from gcs.flights.streams import MAV_AUTOPILOT_ARDUPILOT, ColumnSource, Stream, VehicleStreams, load_streams
 from sim_vehicle.constants import GAS_CONSTANT, SEA_LEVEL_DENSITY
-from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS, output_name
+from sim_vehicle.vehicle.controls import output_name, signal_of
 from sim_vehicle.vehicle.second_sensors import SECOND_SENSORS
 from sim_vehicle.vehicle.sensors import CalibrationSource, SignalSource
 from sim_vehicle.vehicle.vehicle_file import Vehicle
@@ -173,7 +173,7 @@ class _Flight:
     def add_surfaces(self) -> None:
         """Deflections of all controls whose servos were recorded."""
         for name, control in self.vehicle.controls.items():
-            signal = DEFLECTION_SIGNALS[name]
+            signal = signal_of(name)
             servos = [self.signals.get(f"servo{number}") for number in control.servos]
             if signal in self.signals:
                 continue

@@ -24,7 +24,7 @@ from gcs.flights.signals import (
 )
 from gcs.flights.streams import MAV_AUTOPILOT_ARDUPILOT, Stream
 from sim_vehicle.constants import GAS_CONSTANT, SEA_LEVEL_DENSITY
-from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS
+from sim_vehicle.vehicle.controls import signal_of
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.calibration import Calibration
@@ -166,7 +166,7 @@ class SignalStream:
 
     def _add_surfaces(self, found: dict[str, Samples]) -> None:
         for name, control in self._vehicle.controls.items():
-            signal = DEFLECTION_SIGNALS[name]
+            signal = signal_of(name)
             servos = [found.get(f"servo{number}") for number in control.servos]
             pulses = [servo for servo in servos if servo is not None]
             sizes = {servo.time_s.size for servo in pulses}

@@ -153,14 +153,16 @@ def _pair(option: str, text: str) -> tuple[float, float | None]:
 
 def _control(text: str) -> tuple[str, ControlAnswer]:
     from gcs.vehicles.document import ControlAnswer, ServoAnswer
+    from sim_vehicle.model.aerodynamic_terms import may_name_control
     from sim_vehicle.vehicle.controls import CONTROL_NAMES
 
     name, _, rest = text.partition("=")
     parts = rest.split(":")
-    if name not in CONTROL_NAMES or len(parts) != 3 or not parts[0].isascii() or not parts[0].isdecimal():
+    known = name in CONTROL_NAMES or may_name_control(name)
+    if not known or len(parts) != 3 or not parts[0].isascii() or not parts[0].isdecimal():
         raise SettingsError(
             f"--control {text}: give NAME=SERVO:PULSES:DEFLECTIONS, as elevator=2:1100,1500,1900:-20,0,22;"
-            f" NAME is one of {', '.join(CONTROL_NAMES)}"
+            f" NAME is one of {', '.join(CONTROL_NAMES)}, or a name of your own as flap"
         )
     pulses, travel = _numbers("--control", parts[1]), _numbers("--control", parts[2])
     if len(pulses) != len(travel):

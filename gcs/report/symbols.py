@@ -62,7 +62,9 @@ def _regressor(name: str) -> str:
         factors = parse_term(name).factors
     except ModelFileError:
         return escape(name)
-    return " ".join(_REGRESSORS[factor] + power for factor, power in _product(factors))
+    return " ".join(
+        _REGRESSORS.get(factor, f"δ<sub>{escape(factor)}</sub>") + power for factor, power in _product(factors)
+    )
 
 
 def _product(factors: tuple[str, ...]) -> list[tuple[str, str]]:
@@ -73,4 +75,4 @@ def _plain(factor: tuple[str, str]) -> str:
     """Within a subscript: letters without subscripts of their own."""
     name, power = factor
     bare = {"p": "p", "q": "q", "r": "r", "de": "δe", "da": "δa", "dr": "δr", "throttle": "δt", "CL": "CL"}
-    return bare.get(name, {"alpha": "α", "alphadot": "α̇", "beta": "β"}.get(name, name)) + power
+    return bare.get(name, {"alpha": "α", "alphadot": "α̇", "beta": "β"}.get(name, f"δ{name}")) + power

@@ -31,6 +31,8 @@ def meaning(name: str) -> str:
         term = parse_term(name)
     except ModelFileError:
         return ""
-    factors = [f"{_REGRESSORS[one]}{_POWERS[len([*alike])]}" for one, alike in groupby(term.factors)]
+    factors = [
+        f"{_REGRESSORS.get(one, one.replace('_', ' '))}{_POWERS[len([*alike])]}" for one, alike in groupby(term.factors)
+    ]
     words = f"{_AXES[term.axis]} {'by ' + ' times '.join(factors) if factors else 'at zero angles and rates'}"
     return f"{_CALLED[name]}: {words}" if name in _CALLED else words

@@ -107,7 +107,7 @@ def _filled(document: TOMLDocument, answers: Answers) -> str:
         _set(document, table, key, _plain(numbers.get(name)))
     if "controls" in document or answers.controls:
         controls = _table(document, "controls")
-        for name in CONTROL_NAMES:
+        for name in dict.fromkeys((*CONTROL_NAMES, *controls, *answers.controls)):
             _set_control(controls, name, answers.controls.get(name))
     for sensor in _SENSORS:
         place = answers.places.get(sensor)
@@ -225,7 +225,7 @@ def _set_control(controls: Any, name: str, answer: ControlAnswer | None) -> None
         return
     entry = _table(controls, name)
     servos, one = answer.servos, len(answer.servos) == 1
-    unit = _percent if name == "throttle" else _radians
+    unit = _percent if name == "throttle" else _radians if name in CONTROL_NAMES else _plain
     pwm = [[_plain(x) for x in servo.pwm_us] for servo in servos]
     travel = [[unit(y) for y in servo.travel] for servo in servos]
     # Degrees of a form are rounded; what is the same in them is not written anew.
@@ -268,9 +268,10 @@ def _control_of(name: str, entry: Mapping[str, Any]) -> ControlAnswer:
     pwm, deflection = (entry[key] if nested else [entry[key]] for key in ("pwm", "deflection"))
     mix = entry.get("mix", [1.0] * len(numbers))
     mix = mix if isinstance(mix, list) else [mix]
-    unit = 100.0 if name == "throttle" else math.degrees(1.0)
+    known = name in CONTROL_NAMES
+    unit, digits = 100.0 if name == "throttle" else math.degrees(1.0) if known else 1.0, 3 if known else _DIGITS
     servos = tuple(
-        ServoAnswer(int(n), _floats(xs), tuple(round(unit * y, 3) for y in _floats(ys)), float(weight))
+        ServoAnswer(int(n), _floats(xs), tuple(round(unit * y, digits) for y in _floats(ys)), float(weight))
         for n, xs, ys, weight in zip(numbers, pwm, deflection, mix, strict=True)
     )
     return ControlAnswer(servos, str(entry.get("signal", "command")))

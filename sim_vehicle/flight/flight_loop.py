@@ -63,7 +63,7 @@ def fly(
     if duration is not None:
         plan = plan.fitted(duration)
     flight = _Flight(plant, plan, suite, generator, wind or wind_of(plant), dt, on_tick, arming or Arming(),
-                     failures or Failures(), schedule or Schedule(plan, dt))  # fmt: skip
+                     failures or Failures(), schedule or Schedule(plan, dt, plant.vehicle.named_controls))  # fmt: skip
     if taxi:
         flight.taxi_out()
         flight.climb()
@@ -104,7 +104,8 @@ class _Flight:
         self._servos = ServoOutputs(plant.vehicle)
         self._trim = plant.trim()
         self._reference = dict(zip(CHANNELS, plant.read(self._trim.state).tolist(), strict=True))
-        self._autopilot = Autopilot(plant, self._trim, self._reference, self._servos.limits, dt)
+        self._autopilot = Autopilot(plant, self._trim, self._reference, self._servos.limits[:4], dt)
+        self._neutral = np.zeros(4 + len(plant.vehicle.named_controls))
         self._schedule = schedule
         longest = self._schedule.ticks + round(3.0 * _LONGEST_LEG_S / dt)
         speed = float(plant.outputs(self._trim.state)[0])
@@ -152,7 +153,9 @@ class _Flight:
         ideal["rpm"], ideal["rho"] = float(truth[OUTPUTS.index("rpm")]), float(truth[OUTPUTS.index("rho")])
         reading = self.suite.sample(time_s, ideal)
         targets = Targets(self._reference["airspeed"] + speed_change, altitude, 0.0)
-        wanted = self._autopilot.command(reading.values, targets, freed, added)
+        wanted = self._autopilot.command(reading.values, targets, freed, added[:4])
+        if added.size > 4:
+            wanted = np.append(wanted, np.clip(added[4:], *self._servos.limits[4:].T))
         pulses = self._servos.pulses(wanted)
         command = self._servos.command(pulses, wanted)
         reported = self._failures.reported(
@@ -191,7 +194,7 @@ class _Flight:
         """From lift-off to the height of the manoeuvres, and 3 s of level flight there."""
         goal, settled = self._reference["altitude"], 0
         for _ in range(round(_LONGEST_LEG_S / self.dt)):
-            self._fly_tick(goal, 0.0, (False, False), np.zeros(4), last=False)
+            self._fly_tick(goal, 0.0, (False, False), self._neutral, last=False)
             near = abs(-self._state.x[2] - goal) < 3.0
             settled = settled + 1 if near else 0
             if settled * self.dt >= 3.0:
@@ -204,7 +207,7 @@ class _Flight:
         for _ in range(round(_LONGEST_LEG_S / self.dt)):
             rate = _SINK_RATE if -self._state.x[2] > _FLARE_HEIGHT else _FLARE_RATE
             goal = max(goal - rate * self.dt, float(-self._state.x[2]) - 2.0 * rate * 2.0)
-            self._fly_tick(goal, 0.0, (False, False), np.zeros(4), last=False)
+            self._fly_tick(goal, 0.0, (False, False), self._neutral, last=False)
             if -self._state.x[2] < _TOUCHDOWN_HEIGHT:
                 return
         raise PlanError(f"the aircraft does not come down in {_LONGEST_LEG_S:g} s; fly without the taxi option")
@@ -247,7 +250,7 @@ class _Flight:
                 self._ground_tick(roll, self._trim.command, 0.0, wind, armed=armed)
 
     def _ground_tick(self, roll: Roll, neutral: Array, throttle: float, wind: Array, *, armed: bool) -> None:
-        wanted = neutral.copy()
+        wanted = np.append(neutral[:4], self._neutral[4:])
         wanted[3] = throttle
         pulses = self._servos.pulses(wanted)
         command = self._servos.command(pulses, wanted)

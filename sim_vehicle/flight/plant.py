@@ -13,15 +13,24 @@ from sim_vehicle.errors import ModelFileError, VehicleFileError
 from sim_vehicle.flight.state import PlantState, Trim
 from sim_vehicle.flight.trim import solve_trim
 from sim_vehicle.model.model_file import Model
-from sim_vehicle.physics.actuation import start_actuators
+from sim_vehicle.physics.actuation import RISE_COLUMN, count_named, start_actuators
 from sim_vehicle.physics.atmosphere import air_at
 from sim_vehicle.physics.dynamics import derivatives
 from sim_vehicle.physics.ideal_sensors import read_sensors
 from sim_vehicle.physics.kernel_records import Moment, TickInputs, TickState, TickWork
-from sim_vehicle.physics.layout import ACTUATOR_SIZE, CHANNELS, HISTORY, SENSOR_SIZE, STATE_SIZE, WORK_SIZE, Aux
+from sim_vehicle.physics.layout import (
+    ACTUATOR_SIZE,
+    CHANNELS,
+    HISTORY,
+    MORE_COLUMN,
+    SENSOR_SIZE,
+    STATE_SIZE,
+    WORK_SIZE,
+    Aux,
+)
 from sim_vehicle.physics.propeller import rotor_speed
 from sim_vehicle.physics.rotation import euler_angles, quaternion
-from sim_vehicle.physics.simulation import read_within_tick, tick
+from sim_vehicle.physics.simulation import HEIGHT_COLUMN, read_within_tick, tick
 from sim_vehicle.vehicle.packed_model import flatten
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 
@@ -62,7 +71,8 @@ class Plant:
         self._late = [j for j in range(len(CHANNELS)) if is_late(j, skew["group"])] if self._skew > 0.0 else []
         self._scratch = np.zeros((6, STATE_SIZE))
         self._rate = np.zeros(STATE_SIZE)
-        self._mean = np.zeros(4)
+        self._mean = np.zeros(4 + count_named(self.flat.F))
+        self._named = len(vehicle.named_controls)
 
     def effect(self, name: str) -> dict[str, float] | None:
         """Parameters of an effect of the model, None where it has none of that name."""
@@ -84,16 +94,29 @@ class Plant:
         )
 
     def state_at(self, x: Array, command: Array, surfaces: Array) -> PlantState:
-        """State with actuators at rest at `command` and surfaces (4,) as given, sensors settled."""
+        """State with actuators at rest at `command` and surfaces as given, sensors settled.
+
+        Controls of other names than de, da, dr and throttle stand behind these four in both, or at 0.
+        """
         actuators = np.zeros(ACTUATOR_SIZE)
         start_actuators(command, actuators)
-        commands = np.tile(np.asarray(command, dtype=np.float64), (HISTORY, 1))
+        commands = np.tile(self._row(np.asarray(command, dtype=np.float64)), (HISTORY, 1))
+        surfaces = np.append(surfaces, np.zeros(max(4 + self._named - len(surfaces), 0)))
         state = PlantState(
             np.array(x, dtype=np.float64), actuators, np.zeros(SENSOR_SIZE), commands,
-            np.array(surfaces, dtype=np.float64), np.zeros(WORK_SIZE), np.zeros(len(CHANNELS)),
+            surfaces, np.zeros(WORK_SIZE + self._mean.size - 4), np.zeros(len(CHANNELS)),
         )  # fmt: skip
         self.evaluate(state, _STILL, _STILL, 0.0)
         return state
+
+    def _row(self, command: Array) -> Array:
+        """A command as a row of what the compiled code flies by."""
+        if not self._named:
+            return command
+        row = np.zeros(MORE_COLUMN + self._named)
+        row[:4], row[HEIGHT_COLUMN], row[RISE_COLUMN] = command[:4], np.nan, np.nan
+        row[MORE_COLUMN : MORE_COLUMN + command.size - 4] = command[4:]
+        return row
 
     def rates(self, state: PlantState, wind_ned: Array, gust_body: Array) -> Array:
         """Rate of the state vector (14,) as it is now; by-products are left in `state.work`."""
@@ -144,7 +167,7 @@ class Plant:
         gust_body: Array = _STILL,
         gust_at_end: Array | None = None,
     ) -> None:
-        """Fly `dt` seconds under `command` (de, da, dr [rad], throttle 0..1), in place.
+        """Fly `dt` seconds under `command` (de, da, dr [rad], throttle 0..1, controls of other names), in place.
 
         wind_ned: (3,) velocity of the air, m/s; gust_body: (3,) the same in body axes, on top of it, its mean over the
         step; gust_at_end: what the sensors meet there, None for the same.
@@ -159,7 +182,7 @@ class Plant:
             if delay > kept:
                 raise ModelFileError(f"effect {name}: delay must be at most {kept:g} s here, got {delay:g}")
         state.commands[:-1] = state.commands[1:]
-        state.commands[-1] = command
+        state.commands[-1] = self._row(command)
         sub_steps = max(1, math.ceil(dt / self.max_step - 1e-9))
         rho = self.density(float(-state.x[2]))
         at_end = gust_body if gust_at_end is None else gust_at_end
@@ -168,7 +191,7 @@ class Plant:
             self._glimpse(state, over, at_end)
         tick(state.x, state.actuators, state.commands, HISTORY - 1, dt, sub_steps, wind_ned, gust_body, rho, math.nan,
              _FREE, flat.P, flat.E, flat.C, flat.F, flat.K, flat.T, state.work, self._scratch, self._mean,
-             state.surfaces)  # fmt: skip
+             state.surfaces[: self._mean.size])  # fmt: skip
         self.evaluate(state, wind_ned, at_end, dt)
 
     def read(self, state: PlantState) -> Array:
@@ -184,7 +207,7 @@ class Plant:
         return np.array(
             [
                 W[Aux.V], W[Aux.alpha], W[Aux.beta], x[10], x[11], x[12], phi, theta,
-                psi, W[Aux.ax], W[Aux.ay], W[Aux.az], x[0], x[1], x[2], *state.reading[14:17].tolist(), *surfaces,
+                psi, W[Aux.ax], W[Aux.ay], W[Aux.az], x[0], x[1], x[2], *state.reading[14:17].tolist(), *surfaces[:4],
                 thrust, rpm, W[Aux.rho], W[Aux.p_dot], W[Aux.q_dot], W[Aux.r_dot], *W[Aux.CL : Aux.Cn + 1],
             ]
         )  # fmt: skip

@@ -16,8 +16,9 @@ Array = NDArray[np.float64]
 class PlantState:
     """Everything that moves: rigid body, actuators, sensor lags, the commands still under way.
 
-    x: (14,) rigid-body state (sim_vehicle.physics.layout). actuators: (10,). sensor: (12,). commands: (64, 4) last
-    commands, the newest last. surfaces: (4,) de, da, dr [rad] and throttle as they are now. work: by-products at x.
+    x: (14,) rigid-body state (sim_vehicle.physics.layout). actuators: (10,). sensor: (12,). commands: (64, 4) or,
+    with controls of other names, (64, 9 + named) last commands, the newest last. surfaces: (4 + named,) de, da, dr
+    [rad], throttle and these as they are now. work: by-products at x.
     reading: (19,). past: (64, 19) last readings of delayed sensors, the part of a tick before each tick, the
     newest last; (0, 19) where none does. past_sensor: (12,) their memory.
     """

@@ -13,6 +13,7 @@ from sim_vehicle.effects.linkage import cubic_linkage
 from sim_vehicle.errors import TrimError
 from sim_vehicle.flight.state import PlantState, Trim
 from sim_vehicle.model.model_file import Model
+from sim_vehicle.physics.actuation import count_named
 from sim_vehicle.physics.layout import ACTUATOR_SIZE, CHANNELS, HISTORY, SENSOR_SIZE, STATE_SIZE, WORK_SIZE
 from sim_vehicle.physics.rotation import euler_angles, quaternion
 from sim_vehicle.vehicle.packed_model import PackedModel
@@ -49,16 +50,17 @@ def _state(plant: Plant, unknowns: Array, airspeed: float, altitude: float) -> P
     x[3], x[5] = airspeed * math.cos(alpha), airspeed * math.sin(alpha)
     x[6:10] = quaternion(phi, theta, 0.0)
     x[13] = alpha
+    named = count_named(plant.flat.F)  # controls of other names stand at 0
     return PlantState(
-        x, np.zeros(ACTUATOR_SIZE), np.zeros(SENSOR_SIZE), np.zeros((HISTORY, 4)), unknowns[3:].copy(),
-        np.zeros(WORK_SIZE), np.zeros(len(CHANNELS)),
+        x, np.zeros(ACTUATOR_SIZE), np.zeros(SENSOR_SIZE), np.zeros((HISTORY, 4)),
+        np.append(unknowns[3:], np.zeros(named)), np.zeros(WORK_SIZE + named), np.zeros(len(CHANNELS)),
     )  # fmt: skip
 
 
 def _unknowns(state: PlantState) -> Array:
     """What `_state` takes, from a state of the heading north."""
     phi, theta, _ = euler_angles(*state.x[6:10])
-    return np.array([math.atan2(state.x[5], state.x[3]), theta, phi, *state.surfaces])
+    return np.array([math.atan2(state.x[5], state.x[3]), theta, phi, *state.surfaces[:4]])
 
 
 def _residual(plant: Plant, unknowns: Array, airspeed: float, altitude: float, climb_angle: float) -> Array:

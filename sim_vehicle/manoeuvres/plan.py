@@ -17,7 +17,8 @@ from pathlib import Path
 from typing import Any
 
 from sim_vehicle.errors import PlanError
-from sim_vehicle.manoeuvres.shapes import CONTROLS, MANOEUVRES, SEGMENT_KEYS, SETTINGS, Segment, check, manoeuvre
+from sim_vehicle.manoeuvres.shapes import CONTROLS, SEGMENT_KEYS, SETTINGS, Segment, check, default_of, manoeuvre
+from sim_vehicle.model.aerodynamic_terms import may_name_control
 
 SCHEMA = "plan/1"
 BY_HARMONIC = ("harmonics", "phases", "weights")  # of a multisine, by axis
@@ -120,8 +121,13 @@ def _segment(entry: Any, where: str) -> Segment:
     values: dict[str, Any] = {key: _number(entry[key], where, key) for key in SETTINGS if key in entry}
     if "axes" in entry:
         axes = entry["axes"]
-        if not isinstance(axes, list) or any(axis not in CONTROLS for axis in axes) or len(set(axes)) < len(axes):
-            raise PlanError(f"{where}: axes must be a list of {', '.join(CONTROLS)}, each once")
+        known = isinstance(axes, list) and all(
+            isinstance(axis, str) and (axis in CONTROLS or may_name_control(axis)) for axis in axes
+        )
+        if not known or len(set(axes)) < len(axes):
+            raise PlanError(
+                f"{where}: axes must be a list of {', '.join(CONTROLS)} or other controls of the vehicle, each once"
+            )
         values["axes"] = tuple(axes)
     for key in BY_HARMONIC:
         by_axis = _by_axis(entry.get(key, {}), where, key)
@@ -154,7 +160,7 @@ def _by_axis(value: Any, where: str, key: str) -> dict[str, list[Any]]:
 
 
 def _segment_to_json(segment: Segment) -> dict[str, Any]:
-    default = MANOEUVRES[segment.manoeuvre]
+    default = default_of(segment.manoeuvre)
     entry: dict[str, Any] = {"manoeuvre": segment.manoeuvre}
     for key in SETTINGS:
         if key in ("duration", "start", "amplitude") or getattr(segment, key) != getattr(default, key):

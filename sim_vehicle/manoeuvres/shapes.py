@@ -7,7 +7,7 @@ metres of span.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from sim_vehicle.errors import PlanError
 from sim_vehicle.manoeuvres.multisine import harmonic_sets, optimised_phases, relative_peak_factor, synthesise
+from sim_vehicle.model.aerodynamic_terms import may_name_control
 
 Array = NDArray[np.float64]
 
@@ -49,16 +50,20 @@ class Segment:
     weights: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     amplitudes: Mapping[str, float] = field(default_factory=dict)
 
-    def increments(self, time: Array) -> Array:
-        """What is added to the trimmed controls (N, 4): elevator, aileron, rudder (rad), throttle (0 to 1).
+    def increments(self, time: Array, named: Sequence[str] = ()) -> Array:
+        """What is added to the trimmed controls: elevator, aileron, rudder (rad), throttle (0 to 1), and those of other
+        names, (N, 4 + named).
 
-        time: (N,) s since the segment's begin.
+        time: (N,) s since the segment's begin. Raises PlanError for an axis that is none of these.
         """
-        out = np.zeros((time.size, len(CONTROLS)))
+        controls = (*CONTROLS, *named)
+        out = np.zeros((time.size, len(controls)))
+        if lacking := [axis for axis in self.axes if axis not in controls]:
+            raise PlanError(f"{self.manoeuvre}: the vehicle has no control {lacking[0]}; it has {', '.join(controls)}")
         shape = _SHAPES[shape_of(self.manoeuvre)]
         inside = time < self.duration - _ROUNDING
         for axis in self.axes:
-            out[:, CONTROLS.index(axis)] = np.where(inside, shape(self, axis, time - self.start), 0.0)
+            out[:, controls.index(axis)] = np.where(inside, shape(self, axis, time - self.start), 0.0)
         return out
 
     def freed(self) -> tuple[bool, bool]:
@@ -183,10 +188,29 @@ def _defaults() -> dict[str, Segment]:
 def shape_of(manoeuvre: str) -> str:
     """The last part of a manoeuvre's name, which says the shape of its excitation."""
     head, _, tail = manoeuvre.partition("-")
-    return tail if head in CONTROLS else manoeuvre
+    return tail if head in CONTROLS or (tail in _OF_ANY_CONTROL and may_name_control(head)) else manoeuvre
 
 
 MANOEUVRES = _defaults()
+# Manoeuvres of a control of another name, as flap-doublet: those of the ailerons, and a step.
+_OF_ANY_CONTROL = ("pulse", "doublet", "3211", "multisine", "sweep", "step")
+
+
+def default_of(name: str) -> Segment:
+    """The named manoeuvre with its defaults, also of a control of another name. Raises PlanError for an unknown one."""
+    if name in MANOEUVRES:
+        return MANOEUVRES[name]
+    head, shape = name.partition("-")[0], shape_of(name)
+    if shape == name or shape not in _OF_ANY_CONTROL:
+        shapes = ", ".join(f"NAME-{shape}" for shape in _OF_ANY_CONTROL)
+        raise PlanError(
+            f"no manoeuvre {name!r}; there are {', '.join(sorted(MANOEUVRES))}, and for a control NAME of the vehicle"
+            f" file {shapes}"
+        )
+    like = MANOEUVRES["throttle-step" if shape == "step" else f"aileron-{shape}"]
+    return replace(like, manoeuvre=name, amplitude=MANOEUVRES["aileron-doublet"].amplitude, axes=(head,))
+
+
 SETTINGS = ("duration", "start", "amplitude", "width", "length", "low", "high")
 # s, s, rad (or m/s), s, s, Hz, Hz. What is larger is a slip of the pen, or a unit mistaken.
 _LARGEST = dict(zip(SETTINGS, (14_400.0, 14_400.0, 100.0, 14_400.0, 14_400.0, 100.0, 100.0), strict=True))
@@ -195,12 +219,11 @@ _MOST_HARMONICS = 2000
 
 def manoeuvre(name: str, **settings: float) -> Segment:
     """The named manoeuvre with its defaults, some replaced. Raises PlanError for an unknown name or setting."""
-    if name not in MANOEUVRES:
-        raise PlanError(f"no manoeuvre {name!r}; there are {', '.join(sorted(MANOEUVRES))}")
+    default = default_of(name)
     for key in settings:
         if key not in SETTINGS:
             raise PlanError(f"a manoeuvre has no setting {key!r}; there are {', '.join(SETTINGS)}")
-    segment = replace(MANOEUVRES[name], **settings)  # type: ignore[arg-type]
+    segment = replace(default, **settings)  # type: ignore[arg-type]
     check(segment)
     return segment
 
@@ -218,7 +241,7 @@ def check(segment: Segment) -> None:
             raise PlanError(f"{name}: {key} is {value:g}; it may be {_LARGEST[key]:g} at most")
     if segment.start < 0.0:
         raise PlanError(f"{name}: start is {segment.start:g} s; it must not be negative")
-    unknown = [axis for axis in segment.axes if axis not in CONTROLS]
+    unknown = [axis for axis in segment.axes if axis not in CONTROLS and not may_name_control(axis)]
     if unknown:
         raise PlanError(f"{name}: no axis {unknown[0]!r}; there are {', '.join(CONTROLS)}")
     if segment.high <= segment.low:

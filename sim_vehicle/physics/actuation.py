@@ -18,9 +18,10 @@ from sim_vehicle.effects.actuator import (
 )
 from sim_vehicle.effects.linkage import after_deadband, cubic_linkage
 from sim_vehicle.jit import jit
-from sim_vehicle.physics.layout import ACCEPTED_PLACE, THROTTLE_PLACE, Par
+from sim_vehicle.physics.layout import ACCEPTED_PLACE, MORE_COLUMN, THROTTLE_PLACE, WORK_SIZE, Par
 
 Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 _DELAY, _DELAY_S = slot("actuator_delay"), slot("actuator_delay", "delay")
 _LAG, _LAG_TAU = slot("actuator_lag"), slot("actuator_lag", "tau")
@@ -36,14 +37,68 @@ RISE_COLUMN = 6
 
 
 @jit
+def in_lines(commands: Array) -> bool:
+    """Whether de, da and dr go in straight lines over each interval: their rises are given, and are numbers.
+
+    Parameters
+    ----------
+    commands : Array, shape (N, 4), (N, 6), (N, 9) or (N, 9 + named)
+        As of `DrivingInputs`.
+
+    Returns
+    -------
+    bool
+        False where they are held.
+    """
+    return commands.shape[1] > RISE_COLUMN and not np.isnan(commands[0, RISE_COLUMN])
+
+
+@jit
+def count_named(F: IntArray) -> int:
+    """Controls of other names than de, da, dr and throttle of which a model has terms: so many at the end of the work
+    array, and of each array of surfaces.
+
+    Parameters
+    ----------
+    F : IntArray, shape (n, 4)
+        Factor indices of the aerodynamic terms.
+
+    Returns
+    -------
+    int
+        Their number, 0 for most vehicles.
+    """
+    last = WORK_SIZE - 1
+    for i in range(F.shape[0]):
+        for j in range(F.shape[1]):
+            last = max(last, F[i, j])
+    return last + 1 - WORK_SIZE
+
+
+@jit
+def take_named(command: Array, surfaces: Array) -> None:
+    """Put the commands of controls of other names where they act: at once, as they are; 0 where there is none.
+
+    Parameters
+    ----------
+    command : Array, shape (4,), (6,), (9,) or (9 + named,)
+        A row of the commands of `DrivingInputs`, rad or the control's own unit.
+    surfaces : Array, shape (4 + named,)
+        Those behind de, da, dr and throttle are written over, in the same units.
+    """
+    for j in range(surfaces.size - 4):
+        surfaces[4 + j] = command[MORE_COLUMN + j] if command.size > MORE_COLUMN + j else 0.0
+
+
+@jit
 def commanded(commands: Array, tick: int, channel: int, share: float) -> float:
     """Command of a surface, rad, a share of the way from a tick to the next.
 
-    commands: (N, 4) or (N, 6) held, or (N, 9), the last three columns what de, da and dr rise by over each interval,
+    commands: (N, 4) or (N, 6) held, or (N, 9) and more, columns 6 to 8 what de, da and dr rise by over each interval,
     about means in the first three.
     """
     command: float = commands[tick, channel]
-    if commands.shape[1] > RISE_COLUMN:
+    if in_lines(commands):
         command += commands[tick, RISE_COLUMN + channel] * (share - 0.5)
     return command
 
@@ -101,12 +156,13 @@ def surfaces_at_rest(command: Array, E: Array, end: Array) -> None:
         de, da, dr [rad] and throttle (0 to 1); what follows does not count.
     E : Array, shape (slots,)
         Effect vector (`sim_vehicle.effects`), SI units.
-    end : Array, shape (4,)
-        Result, written over: de, da, dr [rad] and throttle (0 to 1).
+    end : Array, shape (4 + named,)
+        Result, written over: de, da, dr [rad], throttle (0 to 1) and controls of other names.
     """
     for channel in range(3):
         end[channel] = deflection(channel, command[channel], E)
     end[3] = command[3]
+    take_named(command, end)
 
 
 @jit
@@ -118,7 +174,7 @@ def advance_actuators(
 
     Parameters
     ----------
-    commands : Array, shape (N, 4), (N, 6) or (N, 9)
+    commands : Array, shape (N, 4), (N, 6), (N, 9) or (N, 9 + named)
         de, da, dr [rad] and throttle (0 to 1), as of `DrivingInputs`.
     tick : int
         Row of `commands` that acts.
@@ -132,11 +188,12 @@ def advance_actuators(
         Vehicle constants and effect vector (`sim_vehicle.physics.layout`, `sim_vehicle.effects`), SI units.
     actuators : Array, shape (10,)
         State of the actuators, rad and throttle (0 to 1); changed in place.
-    mean, end : Array, shape (4,)
-        Results, written over: de, da, dr [rad] and throttle (0 to 1), mean over the step and value at its end.
+    mean, end : Array, shape (4 + named,)
+        Results, written over: de, da, dr [rad], throttle (0 to 1) and controls of other names, mean over the step and
+        value at its end.
     """
     delay = E[_DELAY_S] if E[_DELAY] != 0.0 else 0.0
-    rises = commands.shape[1] > RISE_COLUMN
+    rises = in_lines(commands)
     for channel in range(3):
         command = commanded(commands, tick, channel, (begin + 0.5 * step) / dt)
         if delay > 0.0:
@@ -165,6 +222,8 @@ def advance_actuators(
             middle = after_backlash(before, middle, E[_PLAY_WIDTH])
         actuators[2 * channel + 1] = target
         mean[channel], end[channel] = deflection(channel, middle, E), deflection(channel, target, E)
+    take_named(commands[tick], mean)
+    take_named(commands[tick], end)
     throttle = commands[tick, 3]
     tau = E[_MOTOR_TAU] if E[_MOTOR] != 0.0 else P[_MOTOR_TAU_PAR]
     mean[3], end[3] = throttle, throttle
@@ -180,7 +239,7 @@ def surfaces_after_command(commands: Array, tick: int, dt: float, E: Array, end:
 
     Parameters
     ----------
-    commands : Array, shape (N, 4), (N, 6) or (N, 9)
+    commands : Array, shape (N, 4), (N, 6), (N, 9) or (N, 9 + named)
         de, da, dr [rad] and throttle (0 to 1), as of `DrivingInputs`.
     tick : int
         Row of `commands` that acts.
@@ -188,9 +247,11 @@ def surfaces_after_command(commands: Array, tick: int, dt: float, E: Array, end:
         Interval of the ticks, s.
     E : Array, shape (slots,)
         Effect vector (`sim_vehicle.effects`), SI units.
-    end : Array, shape (4,)
-        Surfaces de, da, dr [rad] and throttle (0 to 1); the three surfaces are changed in place.
+    end : Array, shape (4 + named,)
+        Surfaces de, da, dr [rad], throttle (0 to 1) and controls of other names; all but the throttle are changed in
+        place.
     """
+    take_named(commands[tick], end)
     lags, delays = E[_LAG] != 0.0 and E[_LAG_TAU] > 0.0, E[_DELAY] != 0.0 and E[_DELAY_S] > 0.0
     remembers = (E[_PLAY] != 0.0 and E[_PLAY_WIDTH] > 0.0) or (E[_BAND] != 0.0 and E[_BAND_WIDTH] > 0.0)
     if lags or delays or E[_RATE] != 0.0 or remembers:

@@ -28,7 +28,7 @@ from sim_vehicle.effects.unsteady_lift import lag_rate
 from sim_vehicle.effects.wind_shear import sheared_wind
 from sim_vehicle.jit import jit, jit_inlined
 from sim_vehicle.model.aerodynamic_terms import REGRESSORS
-from sim_vehicle.physics.layout import Aux, Par
+from sim_vehicle.physics.layout import WORK_SIZE, Aux, Par
 from sim_vehicle.physics.propeller import rotor_speed, throttle_thrust, throttle_torque
 from sim_vehicle.physics.rotation import rotation_matrix
 
@@ -274,8 +274,8 @@ def derivatives(
     ----------
     x : Array, shape (14,)
         State (`sim_vehicle.physics.layout`), SI units and rad.
-    surfaces : Array, shape (4,)
-        de, da, dr [rad] and throttle (0 to 1).
+    surfaces : Array, shape (4 + named,) or longer
+        de, da, dr [rad], throttle (0 to 1) and the controls of other names that the model has terms of.
     thrust : float
         Thrust as measured, N, NaN where it follows from the throttle; before propulsion effects.
     wind : Array, shape (3,)
@@ -290,7 +290,7 @@ def derivatives(
         Values of the aerodynamic terms, dimensionless.
     F, K, T : IntArray, shapes (n, 4), (n,) and (7,)
         Factor indices, kinds and axis bounds of the aerodynamic terms.
-    W : Array, shape (WORK_SIZE,)
+    W : Array, shape (WORK_SIZE + named,)
         Work array, holds the by-products (`Aux`) afterwards, SI units and rad; its `time` [s] stays as it came.
     rate : Array, shape (14,)
         Result, written over: rate of the state, its units per second.
@@ -323,6 +323,8 @@ def derivatives(
     W[0], W[1], W[2] = alpha, 0.0, beta
     W[3], W[4], W[5] = p * b / (2.0 * V), q * c / (2.0 * V), r * b / (2.0 * V)
     W[6], W[7], W[8], W[10] = surfaces[0], surfaces[1], surfaces[2], surfaces[3]
+    for j in range(W.size - WORK_SIZE):
+        W[WORK_SIZE + j] = surfaces[4 + j]
     lift_alpha = alpha
     rate[13] = 0.0
     if E[_SLOW] != 0.0:
@@ -390,8 +392,9 @@ def runge_kutta_along(
     ----------
     x : Array, shape (14,)
         State (`sim_vehicle.physics.layout`), SI units and rad; changed in place.
-    first, middle, last : Array, shape (4,)
-        de, da, dr [rad] and throttle (0 to 1) at the step's begin, in its middle and at its end.
+    first, middle, last : Array, shape (4 + named,) or longer
+        de, da, dr [rad], throttle (0 to 1) and controls of other names at the step's begin, in its middle and at its
+        end.
     thrust : float
         Thrust as measured, N, NaN where it follows from the throttle.
     wind : Array, shape (3,)
@@ -411,7 +414,7 @@ def runge_kutta_along(
         Values of the aerodynamic terms, dimensionless.
     F, K, T : IntArray, shapes (n, 4), (n,) and (7,)
         Factor indices, kinds and axis bounds of the aerodynamic terms.
-    W : Array, shape (WORK_SIZE,)
+    W : Array, shape (WORK_SIZE + named,)
         Work array as of `derivatives`, SI units and rad.
     scratch : Array, shape (5, 14)
         Work, written over.

@@ -71,7 +71,7 @@ def read_sensors(x: Array, W: Array, P: Array, E: Array, interval: float, sensor
     ----------
     x : Array, shape (14,)
         State (`sim_vehicle.physics.layout`), SI units and rad.
-    W : Array, shape (WORK_SIZE,)
+    W : Array, shape (WORK_SIZE + named,)
         Work array that `derivatives` left there, SI units and rad.
     P, E : Array, shapes (PAR_SIZE,) and (slots,)
         Vehicle constants and effect vector (`sim_vehicle.physics.layout`, `sim_vehicle.effects`), SI units.

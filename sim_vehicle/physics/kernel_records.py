@@ -21,7 +21,8 @@ class ModelArrays(NamedTuple):
     C : Array, shape (n,)
         Values of the aerodynamic terms, dimensionless.
     F : IntArray, shape (n, 4)
-        Places of their factors in REGRESSORS, -1 for none.
+        Places of their factors in the work array: in REGRESSORS, from WORK_SIZE on for the vehicle's controls of other
+        names, -1 for none.
     K : IntArray, shape (n,)
         Their kinds (`sim_vehicle.physics.dynamics`).
     T : IntArray, shape (7,)
@@ -41,11 +42,12 @@ class DrivingInputs(NamedTuple):
 
     Attributes
     ----------
-    commands : Array, shape (N, 4), (N, 6) or (N, 9)
+    commands : Array, shape (N, 4), (N, 6), (N, 9) or (N, 9 + named)
         de, da, dr [rad] and throttle (0 to 1), held from each sample on. Two more inputs at each sample: the height
         [m], which counts instead of the integrated one where it is not NaN, and the way, -1 to 1, in which the thrust
         sensor's reading moves. Three more where surfaces go in straight lines from sample to sample: what de, da and dr
-        rise by [rad], about means in the first columns.
+        rise by [rad], about means in the first columns; NaN where they are held. Behind these the vehicle's controls of
+        other names, held.
     thrust : Array, shape (N,)
         Thrust as the sensor reads it, N; NaN where it follows from the throttle.
     rho : Array, shape (N,)
@@ -85,8 +87,8 @@ class TickState(NamedTuple):
         State (`sim_vehicle.physics.layout`), SI units and rad.
     actuators : Array, shape (ACTUATOR_SIZE,)
         State of the actuators, rad and throttle (0 to 1).
-    surfaces : Array, shape (4,)
-        Surfaces that a sensor sees, rad, and throttle (0 to 1).
+    surfaces : Array, shape (4 + named,)
+        Surfaces that a sensor sees, rad, throttle (0 to 1), and controls of other names.
     """
 
     x: Array
@@ -99,7 +101,7 @@ class TickInputs(NamedTuple):
 
     Attributes
     ----------
-    commands : Array, shape (N, 4), (N, 6) or (N, 9)
+    commands : Array, shape (N, 4), (N, 6), (N, 9) or (N, 9 + named)
         As of `DrivingInputs`.
     row : int
         Row of `commands` to fly from.
@@ -153,11 +155,11 @@ class TickWork(NamedTuple):
 
     Attributes
     ----------
-    W : Array, shape (WORK_SIZE,)
+    W : Array, shape (WORK_SIZE + named,)
         Regressors, by-products (`Aux`) and the time, which alone counts before the tick, SI units.
     scratch : Array, shape (6, 14)
         Stages of a Runge-Kutta step, and surfaces at its begin, SI units and rad.
-    mean : Array, shape (4,)
+    mean : Array, shape (4 + named,)
         Mean surfaces over a step, rad, and throttle (0 to 1).
     rate : Array, shape (14,)
         Rate of the state, SI units and rad.

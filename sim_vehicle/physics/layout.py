@@ -11,6 +11,8 @@ STATE_SIZE = 14
 NORTH, U, QUATERNION, P_RATE, LIFT_ALPHA = 0, 3, 6, 10, 13
 
 SURFACES = ("de", "da", "dr", "throttle")
+# First column of the commands in which controls of other names may stand, and how many of them there may be.
+MORE_COLUMN, MOST_CONTROLS = 9, 10
 
 
 # A curve: how many pieces it has, its end, then each piece's start and powers of the distance from it.
@@ -88,6 +90,7 @@ class Aux(IntEnum):
     time = auto()
 
 
+# Behind them in the work array: the controls of other names that the model has terms of.
 WORK_SIZE = len(REGRESSORS) + len(Aux)
 
 # What ideal sensors at their mounting places read.

@@ -10,8 +10,9 @@ from sim_vehicle.effects.sensor_time_skew import delay_channels, split_delay
 from sim_vehicle.effects.thrust_sensor_hysteresis import load_behind
 from sim_vehicle.jit import jit, jit_arrays
 from sim_vehicle.physics.actuation import (
-    RISE_COLUMN,
     advance_actuators,
+    count_named,
+    in_lines,
     start_actuators,
     surfaces_after_command,
     surfaces_at_rest,
@@ -86,7 +87,7 @@ def undo_hysteresis(thrust: Array, commands: Array, E: Array) -> Array:
     ----------
     thrust : Array, shape (N,)
         Thrust as the sensor reads it, N; NaN where it follows from the throttle.
-    commands : Array, shape (N, 4), (N, 6) or (N, 9)
+    commands : Array, shape (N, 4), (N, 6), (N, 9) or (N, 9 + named)
         As of `DrivingInputs`; the sixth column is the way, -1 to 1, in which the reading moves.
     E : Array, shape (slots,)
         Effect vector (`sim_vehicle.effects`), SI units.
@@ -106,10 +107,10 @@ def undo_hysteresis(thrust: Array, commands: Array, E: Array) -> Array:
 
 @jit
 def begin_of_step(mean: Array, end: Array, first: Array) -> None:
-    """Surfaces and throttle at the begin of a step over which they go in straight lines, into the first four entries of
-    `first`. mean, end: (4,) over the step and at its end.
+    """Surfaces and throttle at the begin of a step over which they go in straight lines, into the first entries of
+    `first`. mean, end: (4 + named,) over the step and at its end.
     """
-    for c in range(4):
+    for c in range(mean.size):
         first[c] = 2.0 * mean[c] - end[c]
 
 
@@ -129,7 +130,7 @@ def tick(
         State (`sim_vehicle.physics.layout`), SI units and rad; changed in place.
     actuators : Array, shape (ACTUATOR_SIZE,)
         State of the actuators, rad and throttle (0 to 1); changed in place.
-    commands : Array, shape (N, 4), (N, 6) or (N, 9)
+    commands : Array, shape (N, 4), (N, 6), (N, 9) or (N, 9 + named)
         de, da, dr [rad] and throttle (0 to 1), and what else is of `DrivingInputs`.
     row : int
         Row of `commands` to fly from.
@@ -153,20 +154,20 @@ def tick(
         Values of the aerodynamic terms, dimensionless.
     F, K, T : IntArray, shapes (n, 4), (n,) and (7,)
         Factor indices, kinds and axis bounds of the aerodynamic terms.
-    W : Array, shape (WORK_SIZE,)
+    W : Array, shape (WORK_SIZE + named,)
         Work array: regressors, by-products (`Aux`) and the time, SI units.
     scratch : Array, shape (6, 14)
         Work, written over.
-    mean : Array, shape (4,)
+    mean : Array, shape (4 + named,)
         Work, written over: mean surfaces over a step, rad, and throttle.
-    end : Array, shape (4,)
+    end : Array, shape (4 + named,)
         Result, written over: the surfaces a sensor sees at the next row, rad, and throttle (0 to 1).
     """
     step, begin = dt / sub_steps, W[_TIME]
     for i in range(sub_steps):
         advance_actuators(commands, row, i * step, step, dt, P, E, actuators, mean, end)
         W[_TIME] = begin + (i + 0.5) * step
-        if commands.shape[1] > RISE_COLUMN:
+        if in_lines(commands):
             begin_of_step(mean, end, scratch[5])
             runge_kutta_along(x, scratch[5], mean, end, measured_thrust, wind, gust, rho, step, slopes, P, E, C, F, K,
                               T, W, scratch)  # fmt: skip
@@ -219,7 +220,7 @@ def read_within_tick(
         if length > 0.0:
             advance_actuators(commands, row, i * step, length, dt, P, E, actuators, mean, end)
             W[_TIME] = begin + i * step + 0.5 * length
-            if commands.shape[1] > RISE_COLUMN:
+            if in_lines(commands):
                 begin_of_step(mean, end, scratch[5])
                 runge_kutta_along(x, scratch[5], mean, end, thrust, wind, gust, rho, length, slopes, P, E, C, F, K, T,
                                   W, scratch)  # fmt: skip
@@ -303,8 +304,9 @@ def simulate(x0: Array, first: int, start: int, stop: int, inputs: DrivingInputs
     P, E, C, F, K, T = model
     x = x0.copy()
     actuators, sensor = np.zeros(ACTUATOR_SIZE), np.zeros(SENSOR_SIZE)
-    W, scratch, rate = np.zeros(WORK_SIZE), np.zeros((6, STATE_SIZE)), np.zeros(STATE_SIZE)
-    mean, end, now, still = np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(3)
+    named = count_named(F)
+    W, scratch, rate = np.zeros(WORK_SIZE + named), np.zeros((6, STATE_SIZE)), np.zeros(STATE_SIZE)
+    mean, end, now, still = np.zeros(4 + named), np.zeros(4 + named), np.zeros(4 + named), np.zeros(3)
     slopes = np.zeros(6 if held.shape[0] > 0 else 0)
     thrust = undo_hysteresis(thrust, commands, E)
     E = effects_flown(E, thrust[first])
@@ -328,11 +330,10 @@ def simulate(x0: Array, first: int, start: int, stop: int, inputs: DrivingInputs
             impose(x, held[k])
         if heights:
             x[2] = -commands[k, HEIGHT_COLUMN]
-        for i in range(4):
-            now[i] = end[i]
+        now[:] = end
         if command_first > 0.0:
             surfaces_after_command(commands, k, dt, E, now)
-            for i in range(4):
+            for i in range(now.size):
                 now[i] = end[i] + command_first * (now[i] - end[i])
         W[_TIME] = E[START_TIME] + (k - start) * dt
         gust = gusts[k] if gusts.shape[0] > 0 else still
@@ -408,7 +409,7 @@ def evaluate_path(
     ----------
     states : Array, shape (N, 9)
         u v w [m/s], p q r [rad/s], phi theta psi [rad] at the samples from `first` of the commands on.
-    commands : Array, shape (M, 4), (M, 6) or (M, 9)
+    commands : Array, shape (M, 4), (M, 6), (M, 9) or (M, 9 + named)
         de, da, dr [rad] and throttle (0 to 1), and what else is of `DrivingInputs`.
     first : int
         Sample of the commands at which the states begin.
@@ -427,8 +428,9 @@ def evaluate_path(
         gravity.
     """
     P, E, C, F, K, T = model
-    actuators, mean, end, now = np.zeros(ACTUATOR_SIZE), np.zeros(4), np.zeros(4), np.zeros(4)
-    W, rate, x, still = np.zeros(WORK_SIZE), np.zeros(STATE_SIZE), np.zeros(STATE_SIZE), np.zeros(3)
+    named = count_named(F)
+    actuators, mean, end, now = np.zeros(ACTUATOR_SIZE), np.zeros(4 + named), np.zeros(4 + named), np.zeros(4 + named)
+    W, rate, x, still = np.zeros(WORK_SIZE + named), np.zeros(STATE_SIZE), np.zeros(STATE_SIZE), np.zeros(3)
     thrust = undo_hysteresis(thrust, commands, E)
     E = effects_flown(E, thrust[0])
     start_actuators(commands[0], actuators)
@@ -440,11 +442,10 @@ def evaluate_path(
             impose(x, states[row])
             if row == 0:
                 x[13] = math.atan2(x[5], x[3])
-            for i in range(4):
-                now[i] = end[i]
+            now[:] = end
             if command_first > 0.0:
                 surfaces_after_command(commands, k, dt, E, now)
-                for i in range(4):
+                for i in range(now.size):
                     now[i] = end[i] + command_first * (now[i] - end[i])
             if commands.shape[1] > HEIGHT_COLUMN and np.isfinite(commands[k, HEIGHT_COLUMN]):
                 x[2] = -commands[k, HEIGHT_COLUMN]

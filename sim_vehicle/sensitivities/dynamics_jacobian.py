@@ -20,7 +20,7 @@ from sim_vehicle.effects.reynolds_drag import reynolds_factor
 from sim_vehicle.effects.stall import flat_plate_drag, flat_plate_lift, separated_share
 from sim_vehicle.jit import jit_fused
 from sim_vehicle.model.aerodynamic_terms import AXES, REGRESSORS
-from sim_vehicle.physics.layout import CQ_PLACE, CT_PLACE, Aux, Par
+from sim_vehicle.physics.layout import CQ_PLACE, CT_PLACE, WORK_SIZE, Aux, Par
 from sim_vehicle.physics.propeller import rotor_speed, speed_slopes
 
 Array = NDArray[np.float64]
@@ -29,6 +29,8 @@ IntArray = NDArray[np.int64]
 STATE_COLUMNS = 10  # u v w p q r q0 q1 q2 q3
 THRUST_COLUMN = STATE_COLUMNS + len(AXES)
 COLUMNS = THRUST_COLUMN + 1
+# Column of the slopes by regressors from which on those by controls of other names stand.
+_NAMED = len(REGRESSORS)
 _V, _RHO, _T, _CL, _TIME = int(Aux.V), int(Aux.rho), int(Aux.thrust), int(Aux.CL), int(Aux.time)
 _AX, _AY, _AZ, _VB, _UB = int(Aux.ax), int(Aux.ay), int(Aux.az), int(Aux.v_body), int(Aux.u_body)
 _R_ALPHA, _R_ADOT, _R_BETA, _R_P, _R_Q, _R_R, _R_CL = (
@@ -74,9 +76,16 @@ def flow_slopes(W: Array, wa: float, flow: Array) -> None:
 
 
 @jit_fused
+def _slope_column(factor: int) -> int:
+    """Column of D in which a factor stands: controls of other names follow the regressors."""
+    return factor if factor < WORK_SIZE else factor - WORK_SIZE + _NAMED
+
+
+@jit_fused
 def _term_slopes(C: Array, F: IntArray, K: IntArray, T: IntArray, W: Array, tail: float, drag: float, D: Array,
                  products: Array, sums: Array) -> None:  # fmt: skip
-    """Derivatives D (6, regressors) of the sums of terms by their regressors, products (n,) of each term's regressors.
+    """Derivatives D (6, regressors + named) of the sums of terms by their regressors, products (n,) of each term's
+    regressors.
 
     sums: (3,) results: CL of all terms, and the parts of Cm and CD that `tail` and `drag` scale, without them.
     """
@@ -93,11 +102,11 @@ def _term_slopes(C: Array, F: IntArray, K: IntArray, T: IntArray, W: Array, tail
             one, two = F[i, 0], F[i, 1]
             if one >= 0 and two < 0:
                 product = W[one]
-                D[axis, one] += weight
+                D[axis, _slope_column(one)] += weight
             elif two >= 0 and F[i, 2] < 0:
                 product = W[one] * W[two]
-                D[axis, one] += weight * W[two]
-                D[axis, two] += weight * W[one]
+                D[axis, _slope_column(one)] += weight * W[two]
+                D[axis, _slope_column(two)] += weight * W[one]
             else:
                 for j in range(4):
                     if F[i, j] < 0:
@@ -108,7 +117,7 @@ def _term_slopes(C: Array, F: IntArray, K: IntArray, T: IntArray, W: Array, tail
                             break
                         if other != j:
                             rest *= W[F[i, other]]
-                    D[axis, F[i, j]] += weight * rest
+                    D[axis, _slope_column(F[i, j])] += weight * rest
                     product *= W[F[i, j]]
             products[i] = scale * product
             if axis == 0:
@@ -310,8 +319,8 @@ def force_jacobian(x: Array, surfaces: Array, by_throttle: bool, gust: Array, P:
     ----------
     x : Array, shape (14,)
         State as `derivatives` had it (`sim_vehicle.physics.layout`), SI units and rad.
-    surfaces : Array, shape (4,)
-        de, da, dr [rad] and throttle (0 to 1), as `derivatives` had them.
+    surfaces : Array, shape (4 + named,)
+        de, da, dr [rad], throttle (0 to 1) and controls of other names, as `derivatives` had them.
     by_throttle : bool
         Whether thrust followed from the throttle.
     gust : Array, shape (3,)
@@ -322,12 +331,12 @@ def force_jacobian(x: Array, surfaces: Array, by_throttle: bool, gust: Array, P:
         Values of the aerodynamic terms, dimensionless.
     F, K, T : IntArray, shapes (n, 4), (n,) and (7,)
         Factor indices, kinds and axis bounds of the aerodynamic terms.
-    W : Array, shape (WORK_SIZE,)
+    W : Array, shape (WORK_SIZE + named,)
         Work array as `derivatives` left it, SI units and rad.
     flow : Array, shape (3, 3)
         Result of `flow_slopes`, written over: derivatives of V, alpha and beta by the velocity, dimensionless and
         rad s/m.
-    D : Array, shape (6, regressors)
+    D : Array, shape (6, regressors + named)
         Work, written over.
     J : Array, shape (6, COLUMNS)
         Work, written over.

@@ -122,7 +122,7 @@ def reading_jacobian(x: Array, W: Array, wa: float, P: Array, E: Array, flow: Ar
     ----------
     x : Array, shape (14,)
         State (`sim_vehicle.physics.layout`), SI units and rad, as `force_jacobian` had it.
-    W : Array, shape (WORK_SIZE,)
+    W : Array, shape (WORK_SIZE + named,)
         Work array as `force_jacobian` left it, SI units and rad.
     wa : float
         Downward component, body axes, of the velocity against the air, m/s, as in `flow_slopes`.

@@ -20,7 +20,7 @@ FORCED = 6  # rows that unknowns act on directly: rates of u v w p q r
 # Of one stage: the six rows of the rates' Jacobian, then the quaternion and p q r there.
 STAGE = FORCED * STATE_COLUMNS + 7
 _TURN = FORCED * STATE_COLUMNS
-_AXES, _ELEVATOR = len(AXES), REGRESSORS.index("de")
+_AXES, _ELEVATOR, _NAMED = len(AXES), REGRESSORS.index("de"), len(REGRESSORS)
 
 
 @jit_fused
@@ -134,10 +134,12 @@ def direct_effects(R: Array, products: Array, terms: IntArray, columns: IntArray
 
 @jit_fused
 def coefficient_change(D: Array, axis: int, surfaces: Array) -> float:
-    """Change of a coefficient by changes of the surfaces de da dr (3,), D: its slopes by the regressors."""
+    """Change of a coefficient by changes of de da dr and of controls of other names (3 + named,), D: its slopes."""
     change = 0.0
     for j in range(3):
         change += D[axis, _ELEVATOR + j] * surfaces[j]
+    for j in range(3, surfaces.size):
+        change += D[axis, _NAMED + j - 3] * surfaces[j]
     return change
 
 
@@ -145,8 +147,9 @@ def coefficient_change(D: Array, axis: int, surfaces: Array) -> float:
 def driven_effects(R: Array, D: Array, surfaces: Array, thrust: Array, slopes: Array, first: int, force: Array) -> None:
     """How changes of the inputs act on the rates of u v w p q r, into `force` (blocks, 6 WIDTH) from lane `first` on.
 
-    R, D: as `force_jacobian` left them, rows of rates that are imposed 0. Per lane, surfaces: (L, 3) changes of de da
-    dr; thrust: (L,) of the thrust; slopes: (L, 6) of the rates that are imposed, 0 for the others.
+    R, D: as `force_jacobian` left them, rows of rates that are imposed 0. Per lane, surfaces: (L, 3 + named) changes of
+    de da dr and controls of other names; thrust: (L,) of the thrust; slopes: (L, 6) of the rates that are imposed, 0
+    for the others.
     """
     for lane in range(thrust.size):
         target, i = force[(first + lane) // WIDTH], (first + lane) % WIDTH

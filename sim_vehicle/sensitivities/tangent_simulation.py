@@ -15,7 +15,13 @@ from sim_vehicle.effects import START_TIME, slot
 from sim_vehicle.effects.wind_shear import shear_slopes
 from sim_vehicle.jit import jit_fused, jit_fused_arrays
 from sim_vehicle.model.aerodynamic_terms import REGRESSORS
-from sim_vehicle.physics.actuation import advance_actuators, start_actuators, surfaces_after_command, surfaces_at_rest
+from sim_vehicle.physics.actuation import (
+    advance_actuators,
+    count_named,
+    start_actuators,
+    surfaces_after_command,
+    surfaces_at_rest,
+)
 from sim_vehicle.physics.dynamics import derivatives
 from sim_vehicle.physics.kernel_records import DrivingInputs, ModelArrays
 from sim_vehicle.physics.layout import ACTUATOR_SIZE, STATE_SIZE, WORK_SIZE, Aux, Par
@@ -320,17 +326,19 @@ def simulate_tangents(
     n = columns.size
     blocks = (n + WIDTH - 1) // WIDTH
     X, lanes, reading = np.zeros((blocks, BLOCK)), np.empty((5, BLOCK)), np.empty(WIDTH)
-    actuators, W, scratch = np.zeros(ACTUATOR_SIZE), np.zeros(WORK_SIZE), np.zeros((6, STATE_SIZE))
-    mean, end, now, still = np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(3)
-    flow, D, J, R = np.zeros((3, 3)), np.zeros((6, _REGRESSORS)), np.zeros((6, COLUMNS)), np.zeros((6, COLUMNS))
+    named = count_named(F)
+    actuators, W, scratch = np.zeros(ACTUATOR_SIZE), np.zeros(WORK_SIZE + named), np.zeros((6, STATE_SIZE))
+    mean, end, now, still = np.zeros(4 + named), np.zeros(4 + named), np.zeros(4 + named), np.zeros(3)
+    flow, D, J, R = np.zeros((3, 3)), np.zeros((6, _REGRESSORS + named)), np.zeros((6, COLUMNS)), np.zeros((6, COLUMNS))
     part, angles, by_shear = np.zeros((4, COLUMNS)), np.zeros((3, 4)), np.empty((3, 7))
     products, H = np.zeros(max(C.size, 1)), np.zeros((_READINGS, COLUMNS))
     A, force = np.zeros((4, STAGE)), np.zeros((4, blocks, FORCED * WIDTH))
     slopes = np.zeros(6 if held.shape[0] > 0 else 0)
     L = steps.size
     driven = n - L
-    servos, ends, middle_there, there = np.zeros((L, ACTUATOR_SIZE)), np.zeros((L, 4)), np.zeros(4), np.zeros(4)
-    moved, pushed, led, changes = np.zeros((L, 3)), np.zeros(L), np.zeros((L, 6)), np.zeros((L, 9))
+    servos, ends = np.zeros((L, ACTUATOR_SIZE)), np.zeros((L, 4 + named))
+    middle_there, there = np.zeros(4 + named), np.zeros(4 + named)
+    moved, pushed, led, changes = np.zeros((L, 3 + named)), np.zeros(L), np.zeros((L, 6)), np.zeros((L, 9))
     pushes = np.zeros((L, stop))
     for lane in range(L):
         pushes[lane] = undo_hysteresis(other_thrust[lane], other_commands[lane], E)[:stop]
@@ -363,21 +371,20 @@ def simulate_tangents(
                 for row in range(9):
                     changes[lane, row] = (other_held[lane, k, row] - held[k, row]) / steps[lane]
             _impose_tangents(x, held[k], changes, driven, X)
-        for i in range(4):
-            now[i] = end[i]
+        now[:] = end
         if command_first > 0.0:
             surfaces_after_command(commands, k, dt, E, now)
-            for i in range(4):
+            for i in range(now.size):
                 now[i] = end[i] + command_first * (now[i] - end[i])
         for lane in range(L):
-            for i in range(4):
-                there[i] = ends[lane, i]
+            there[:] = ends[lane]
             if command_first > 0.0:
                 surfaces_after_command(other_commands[lane], k, dt, E, there)
-                for i in range(4):
+                for i in range(there.size):
                     there[i] = ends[lane, i] + command_first * (there[i] - ends[lane, i])
-            for i in range(3):
-                moved[lane, i] = (there[i] - now[i]) / steps[lane]
+            for i in range(moved.shape[1]):
+                place = i if i < 3 else i + 1  # the throttle moves nothing but the thrust
+                moved[lane, i] = (there[place] - now[place]) / steps[lane]
             pushed[lane] = pushes[lane, k]
         gust = gusts[k] if gusts.shape[0] > 0 else still
         W[_TIME] = E[START_TIME] + (k - start) * dt
@@ -407,8 +414,9 @@ def simulate_tangents(
                     advance_actuators(
                         other_commands[lane], k, i * step, step, dt, P, E, servos[lane], middle_there, ends[lane]
                     )
-                    for j in range(3):
-                        moved[lane, j] = (middle_there[j] - mean[j]) / steps[lane]
+                    for j in range(moved.shape[1]):
+                        place = j if j < 3 else j + 1
+                        moved[lane, j] = (middle_there[place] - mean[place]) / steps[lane]
                 W[_TIME] = E[START_TIME] + (k - start) * dt + (i + 0.5) * step
                 _tangent_step(
                     x, mean, middle, still, gust, rho[k], step, slopes, flown, unknowns, X, work, changes_over

@@ -95,9 +95,12 @@ class AutopilotFlight:
         return self.motion
 
     def command(self, pwm: tuple[int, ...]) -> Array:
-        """(4,) de, da, dr [rad], throttle: of pulse widths; an output that is not sent yet is neutral."""
-        found = np.zeros(4)
-        for place, name in enumerate(_CONTROLS):
+        """(4 + named,) de, da, dr [rad], throttle, controls of other names: of pulse widths; an output that is not sent
+        yet is neutral.
+        """
+        names = (*_CONTROLS, *self.plant.vehicle.named_controls)
+        found = np.zeros(len(names))
+        for place, name in enumerate(names):
             control = self.plant.vehicle.controls.get(name)
             if control is None:
                 continue

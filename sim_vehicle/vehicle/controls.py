@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import difflib
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -9,15 +11,44 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sim_vehicle.model.aerodynamic_terms import may_name_control
+from sim_vehicle.physics.layout import MOST_CONTROLS
 from sim_vehicle.vehicle.strict_toml import NOT_SAID, Known, Table
 
 Array = NDArray[np.float64]
 
 CONTROL_NAMES = ("elevator", "aileron", "rudder", "throttle")
+# Signals of these; a control of another name is a signal of that name.
 DEFLECTION_SIGNALS = {"elevator": "de", "aileron": "da", "rudder": "dr", "throttle": "throttle"}
 # A linkage that a protractor was held to is known better than this, 1 sigma: its travel was guessed.
 GUESSED_TRAVEL_STD = 0.2
 LARGEST_PWM_US = 65534.0  # 65535 is MAVLink's "not used"
+
+# As alike as this a name is taken for a slip of one of the four.
+_MISSPELT = 0.85
+# Signals that no control may be named as.
+_OTHER_SIGNALS = frozenset(
+    (
+        *(
+            "airspeed",
+            "true_airspeed",
+            "phi",
+            "theta",
+            "psi",
+            "ax",
+            "ay",
+            "az",
+            "pdot",
+            "qdot",
+            "rdot",
+            "thrust",
+            "rpm",
+        ),
+        *("altitude", "height", "north", "east", "down", "vn", "ve", "vd", "time", "differential_pressure", "V"),
+        *("static_pressure", "temperature", "air_density", "voltage", "current"),
+    )
+)
+_SERVO = re.compile(r"^(servo|adc)\d+$")
 
 #: Ports of a board and the outputs of each. A servo's number counts through them: AUX 1 is 17.
 PORTS, OUTPUTS = ("MAIN", "AUX", "UAVCAN"), 16
@@ -29,7 +60,7 @@ class Control:
 
     Without servos the log holds the deflection itself.
 
-    name: elevator, aileron, rudder or throttle.
+    name: elevator, aileron, rudder, throttle, or one of its own, as flap.
     signal: what SERVO_OUTPUT_RAW carries, "command" sent or measured "position".
     servos: output numbers, from 1, through the ports (`output_name`). mix: one weight for each servo.
     pwm: us, one strictly increasing tuple for each servo.
@@ -146,13 +177,38 @@ def output_name(servo: int) -> str:
 
 def read_controls(table: Table, warnings: list[str]) -> dict[str, Control]:
     """Every control of the table [controls]; doubts are appended to `warnings`, what is impossible raises."""
-    controls = {name: _read_control(table.table(name), name, warnings) for name in CONTROL_NAMES if name in table}
-    for name in CONTROL_NAMES:
-        table.optional(name)
+    names = [*(name for name in CONTROL_NAMES if name in table), *(name for name in table if name not in CONTROL_NAMES)]
+    for name in names:
+        _check_name(table, name)
+    if len(names) > len(CONTROL_NAMES) + MOST_CONTROLS:
+        raise table.error(names[-1], f"is one too many: {MOST_CONTROLS} controls of own names are flown")
+    controls = {name: _read_control(table.table(name), name, warnings) for name in names}
     table.close()
     warnings += _guessed_travel(controls)
     _check_shared(table, {name: control for name, control in controls.items() if control.servos})
     return controls
+
+
+def signal_of(control: str) -> str:
+    """The signal that is the deflection of a control of that name."""
+    return DEFLECTION_SIGNALS.get(control, control)
+
+
+def control_of(signal: str) -> str:
+    """The name of the control whose deflection a signal is."""
+    return next((name for name, one in DEFLECTION_SIGNALS.items() if one == signal), signal)
+
+
+def _check_name(table: Table, name: str) -> None:
+    if name in CONTROL_NAMES:
+        return
+    if near := difflib.get_close_matches(name.casefold(), CONTROL_NAMES, 1, _MISSPELT):
+        raise table.error(name, f"is spelt nearly as {near[0]}: is that meant? Else give it another name")
+    if not may_name_control(name) or name in _OTHER_SIGNALS or _SERVO.match(name):
+        raise table.error(
+            name, "is no name for a control: letters, digits and _, and neither a signal nor begun as a coefficient's"
+            " regressor (alpha, p, q, de, ...), as flap, spoiler or left_motor"
+        )  # fmt: skip
 
 
 def _guessed_travel(controls: Mapping[str, Control]) -> list[str]:

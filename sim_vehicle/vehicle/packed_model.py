@@ -13,7 +13,7 @@ from sim_vehicle.model.aerodynamic_terms import AXES, MAX_FACTORS, POLAR, REGRES
 from sim_vehicle.model.model_file import Model
 from sim_vehicle.physics.dynamics import ELEVATOR_MOMENT, INDUCED_DRAG, PLAIN, ZERO_LIFT_DRAG
 from sim_vehicle.physics.kernel_records import ModelArrays
-from sim_vehicle.physics.layout import CQ_PLACE, CT_PLACE, PAR_SIZE, Par
+from sim_vehicle.physics.layout import CQ_PLACE, CT_PLACE, PAR_SIZE, WORK_SIZE, Par
 from sim_vehicle.vehicle.propulsion import pack_curve, rotor_scale
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 
@@ -113,9 +113,15 @@ def flatten(vehicle: Vehicle, model: Model) -> PackedModel:
     values = model.flown()
     terms = sorted((parse_term(name) for name in values), key=lambda term: AXES.index(term.axis))
     F = np.full((len(terms), MAX_FACTORS), -1, dtype=np.int64)
+    named = vehicle.named_controls
     for i, term in enumerate(terms):
+        if term.control and term.control not in named:
+            raise ModelFileError(
+                f"model {model.name}: {term.name} needs the control {term.control}: name it under"
+                f" [controls.{term.control}] of the vehicle file"
+            )
         for j, factor in enumerate(term.factors):
-            F[i, j] = REGRESSORS.index(factor)
+            F[i, j] = REGRESSORS.index(factor) if factor in REGRESSORS else WORK_SIZE + named.index(factor)
     C = np.array([values[term.name] for term in terms], dtype=np.float64)
     K = np.array([_kind(term) for term in terms], dtype=np.int64)
     axes = [AXES.index(term.axis) for term in terms]

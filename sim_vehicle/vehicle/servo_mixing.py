@@ -14,7 +14,9 @@ _OPEN = {"throttle": (0.0, 1.0)}
 
 
 class ServoOutputs:
-    """Turns commands of the four controls into pulse widths of the vehicle's servos, and back."""
+    """Turns commands of the four controls, and of those of other names behind them, into pulse widths of the vehicle's
+    servos, and back.
+    """
 
     def __init__(self, vehicle: Vehicle) -> None:
         # One without servos, whose deflection the log holds itself, is flown as it is asked for.
@@ -29,7 +31,9 @@ class ServoOutputs:
         rising = {servo: np.argsort(ys) for servo, (_, ys) in curves.items()}
         self._curves = {servo: (xs[rising[servo]], ys[rising[servo]]) for servo, (xs, ys) in curves.items()}
         self._deflections: dict[tuple[int, tuple[int, ...]], float] = {}
-        self._columns = [CONTROLS.index(name) for name in self._controls]
+        self._named = vehicle.named_controls
+        order = (*CONTROLS, *self._named)
+        self._columns = [order.index(name) for name in self._controls]
         self._measured = frozenset(
             servo for control in vehicle.controls.values() if control.signal == "position" for servo in control.servos
         )
@@ -41,12 +45,12 @@ class ServoOutputs:
 
     @property
     def limits(self) -> Array:
-        """Smallest and largest command of each control, (4, 2); a control the vehicle lacks stays at 0."""
-        rows = [self._all[name].limits if name in self._all else _OPEN.get(name, (0.0, 0.0)) for name in CONTROLS]
-        return np.array(rows)
+        """Smallest and largest command of each control, (4 + named, 2); one that the vehicle lacks stays at 0."""
+        names = (*CONTROLS, *self._named)
+        return np.array([self._all[one].limits if one in self._all else _OPEN.get(one, (0.0, 0.0)) for one in names])
 
     def pulses(self, command: Array) -> dict[int, int]:
-        """Pulse width of every servo, whole us, for a command (4,)."""
+        """Pulse width of every servo, whole us, for a command (4 + named,)."""
         travel = self._mixing @ command[self._columns]
         return {
             servo: round(float(np.interp(value, self._curves[servo][1], self._curves[servo][0])))
@@ -54,7 +58,7 @@ class ServoOutputs:
         }
 
     def command(self, pulses: dict[int, int], asked: Array) -> Array:
-        """Command (4,) that these pulses stand for; a control without servos keeps what was `asked`."""
+        """Command (4 + named,) that these pulses stand for; a control without servos keeps what was `asked`."""
         out = asked.copy()
         for column, control in zip(self._columns, self._controls.values(), strict=True):
             asked_of = tuple(pulses[servo] for servo in control.servos)

@@ -13,7 +13,7 @@ import numpy as np
 
 from sim_vehicle.constants import SEA_LEVEL_DENSITY, STANDARD_GRAVITY
 from sim_vehicle.errors import VehicleFileError
-from sim_vehicle.vehicle.controls import Control, read_controls, servo_pwm
+from sim_vehicle.vehicle.controls import CONTROL_NAMES, Control, read_controls, servo_pwm
 from sim_vehicle.vehicle.mass_properties import MASS_KEYS, Geometry, MassProperties, read_geometry, read_mass
 from sim_vehicle.vehicle.plausibility import extreme, impossible
 from sim_vehicle.vehicle.propulsion import Propulsion, read_propulsion, scaled
@@ -74,6 +74,11 @@ class Vehicle:
     warnings: tuple[str, ...] = ()
     timing: Mapping[str, Known] = field(default_factory=dict)
     as_recorded: tuple[str, ...] = ()
+
+    @property
+    def named_controls(self) -> tuple[str, ...]:
+        """Names of the controls that are none of elevator, aileron, rudder and throttle, in the file's order."""
+        return tuple(name for name in self.controls if name not in CONTROL_NAMES)
 
     @classmethod
     def unknown(cls) -> Vehicle:

@@ -19,6 +19,7 @@ import numpy as np
 from sim_vehicle.flight.flight_log import FlownFlight
 from sim_vehicle.flight.plant import Plant
 from sim_vehicle.manoeuvres.plan import Plan
+from sim_vehicle.manoeuvres.shapes import CONTROLS
 from sim_vehicle.model.model_file import Model
 from sim_vehicle.physics.layout import CHANNELS
 from sim_vehicle.vehicle.vehicle_file import Vehicle
@@ -120,7 +121,8 @@ def structure_of(vehicle: Vehicle, structure: Model | None) -> list[str]:
     if structure is not None:
         return list(structure.coefficients)
     present = {"elevator": "de", "aileron": "da", "rudder": "dr"}
-    return list(default_structure(signal for name, signal in present.items() if name in vehicle.controls))
+    surfaces = [signal for name, signal in present.items() if name in vehicle.controls]
+    return list(default_structure(surfaces, vehicle.named_controls))
 
 
 @single_threaded
@@ -326,11 +328,13 @@ def _warnings(vehicle: Vehicle, model: Model, names: Sequence[str], flown: Flown
             reach = f"{factor * values.min():.3g} to {factor * values.max():.3g} {unit}"
             holds = f"{factor * low:.3g} to {factor * high:.3g} {unit}"
             found.append(f"{signal} goes from {reach}; the prior model holds from {holds}")
-    for j, control in enumerate(("elevator", "aileron", "rudder")):
-        if control in vehicle.controls:
+    for j, control in enumerate((*CONTROLS, *vehicle.named_controls)):
+        if control in vehicle.controls and control != "throttle":
             low, high = vehicle.controls[control].limits
             moved = flown.command[:, j]
             if np.ptp(moved) > 0.0 and (moved.min() < low + _STOP or moved.max() > high - _STOP):
-                stops = f"{math.degrees(low):.3g} to {math.degrees(high):.3g} deg"
+                stops = f"{low:.3g} to {high:.3g}"
+                if control not in vehicle.named_controls:
+                    stops = f"{math.degrees(low):.3g} to {math.degrees(high):.3g} deg"
                 found.append(f"{control} reaches its stop ({stops}); make it smaller")
     return found

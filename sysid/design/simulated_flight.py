@@ -15,7 +15,7 @@ from sim_vehicle.flight.sensor_suite import RATES_HZ, TABLE_II, SensorSuite
 from sim_vehicle.manoeuvres.plan import Plan
 from sim_vehicle.manoeuvres.shapes import CONTROLS
 from sim_vehicle.model.model_file import Model
-from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS
+from sim_vehicle.vehicle.controls import signal_of
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.errors import EstimationError
@@ -127,8 +127,8 @@ def signals_of(flown: FlownFlight, vehicle: Vehicle, name: str, left_out: Collec
             pulses = [np.asarray(flown.servos[servo], dtype=np.float64) for servo in control.servos]
             deflection = control.deflection_from_pwm(*pulses)
         else:
-            deflection = flown.command[:, CONTROLS.index(control.name)]
-        signals[DEFLECTION_SIGNALS[control.name]] = Signal(flown.time_s, deflection, "rad", "simulator")
+            deflection = flown.command[:, (*CONTROLS, *vehicle.named_controls).index(control.name)]
+        signals[signal_of(control.name)] = Signal(flown.time_s, deflection, "rad", "simulator")
     return FlightSignals(name, signals)
 
 

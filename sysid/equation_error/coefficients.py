@@ -32,6 +32,7 @@ class Body:
     accelerometer: position from the centre of gravity, m; used only on data not yet moved there.
     air_density: kg/m^3, taken where the flight has no `air_density` column.
     surfaces_measured: whether de, da, dr are where the surfaces were at each sample, and no commands that are held.
+    named_controls: those of other names, which may act on any axis.
     """
 
     mass: float
@@ -48,6 +49,7 @@ class Body:
     accelerometer: tuple[float, float, float] = (0.0, 0.0, 0.0)
     air_density: float = SEA_LEVEL_DENSITY
     surfaces_measured: bool = False
+    named_controls: tuple[str, ...] = ()
 
 
 def dynamic_pressure(data: FlightData, body: Body) -> Array:
@@ -139,6 +141,7 @@ def body_of(vehicle: Vehicle) -> Body:
     body = Body(
         mass.mass, mass.Ixx, mass.Iyy, mass.Izz, mass.Ixz, geometry.S, geometry.b, geometry.c,
         accelerometer=vehicle.sensors.accelerometer.position, surfaces_measured=has_positions(vehicle),
+        named_controls=vehicle.named_controls,
     )  # fmt: skip
     if propulsion is None:
         return body

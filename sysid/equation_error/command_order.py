@@ -30,11 +30,13 @@ _CUTOFF_HZ = 10.0
 
 def command_shows_at_once(parts: Sequence[FlightData], body: Body) -> bool:
     """Decide the timing from corrected stretches, by lift and side force together."""
-    still = {name for name in ("de", "da", "dr") if all(np.ptp(part[name]) < 1e-4 for part in parts)}
+    surfaces = {"de", "da", "dr", *body.named_controls}
+    still = {name for name in surfaces if all(np.ptp(part[name]) < 1e-4 for part in parts)}
     gain = 0.0
-    for axis in (_LIFT, _SIDE):
-        names = [name for name in axis if name.partition("_")[2] not in still]
-        if not any(name.partition("_")[2] in ("de", "da", "dr") for name in names):
+    for axis, first in ((_LIFT, "CL"), (_SIDE, "CY")):
+        every = (*axis, *(f"{first}_{control}" for control in body.named_controls))
+        names = [name for name in every if name.partition("_")[2] not in still]
+        if not any(name.partition("_")[2] in surfaces for name in names):
             continue
         try:
             later, now = _residuals(parts, body, names)

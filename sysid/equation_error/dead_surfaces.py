@@ -38,6 +38,7 @@ def frozen_commands(
     for name in still:
         control, axis, motion = _MADE_BY[name]
         others = [other for other in known if other not in still and (axis == "Cm") == (other == "de")]
+        others += [other for other in body.named_controls if max(float(np.ptp(part[other])) for part in parts) > _STILL]
         try:
             found = equation_error(parts, body, [f"{axis}_{term}" for term in (*motion, *others)])[axis]
         except SysidError:

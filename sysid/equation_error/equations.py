@@ -21,7 +21,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from sim_vehicle.model.aerodynamic_terms import Term
+from sim_vehicle.model.aerodynamic_terms import REGRESSORS, Term
 from sysid.arrays import Array
 from sysid.equation_error.coefficients import AXES, Body, coefficients, dynamic_pressure, off_centre
 from sysid.errors import EstimationError, SignalError
@@ -42,8 +42,8 @@ class Equations:
     """Regressands and regressors of one or more parts, unfiltered part by part or filtered and joined.
 
     parts: corrected parts (sysid.compatibility.reconstruction.correct) without NaN: ax ay az p q r alpha V thrust, beta
-    and the
-        commands de da dr throttle, held from each sample to the next, where a term has them.
+        and the commands de da dr throttle and of other controls, held from each sample to the next, where a term has
+        them.
     body: mass, inertia, geometry. terms: those that columns will be asked for. cutoff_hz: of the filter.
     command_first: whether a sensor at a sample already sees the command of that sample, or that of the one before.
     Raises SignalError for a missing signal, EstimationError without parts.
@@ -115,14 +115,16 @@ class PartEquations:
         self._data, self._body, self._command_first = data, body, command_first
         self.cutoff_hz = cutoff_hz
         # Where a surface was at a sample is what the motion at that sample goes with.
-        self._held = {"throttle"} if body.surfaces_measured else set(CONTROLS)
+        named = {factor for factor in needed if factor not in REGRESSORS}
+        self._commands = {*CONTROLS, *named}
+        self._held = {"throttle", *named} if body.surfaces_measured else self._commands
         self._pressure = mean_pressure
         edge = round(_EDGE_S / data.interval_s)
         size = data.time_s.size
         self.kept = slice(edge, size - edge)
         if size - 2 * edge < _LEAST_SAMPLES:
             raise SignalError(f"{data.name}: a part of {size} samples is too short for equation error")
-        for name in ("alpha", "V", "p", "q", "r", *sorted(needed & {"beta", *CONTROLS})):
+        for name in ("alpha", "V", "p", "q", "r", *sorted(needed & {"beta", *self._commands})):
             self._column(name)
         rates = np.column_stack([data[name] for name in ("p", "q", "r")])
         self.weight = dynamic_pressure(data, body) / mean_pressure
@@ -161,7 +163,7 @@ class PartEquations:
 
     def factor(self, name: str) -> Array:
         """(n,) a regressor at every sample, unfiltered; a command as it was sent."""
-        return self._column(name) if name in CONTROLS else self._factors[name]
+        return self._column(name) if name in self._commands else self._factors[name]
 
     def take_lift(self, terms: Sequence[Term], values: Array) -> None:
         """See Equations.take_lift."""
@@ -173,7 +175,7 @@ class PartEquations:
         """See Equations.take_timing."""
         self._command_first = command_first
         self._columns = {
-            key: column for key, column in self._columns.items() if key[1] or not set(key[0]) & set(CONTROLS)
+            key: column for key, column in self._columns.items() if key[1] or not set(key[0]) & self._commands
         }
 
     def take_jumps(self, values: Mapping[str, float], terms: Sequence[Term]) -> None:

@@ -15,6 +15,7 @@ from sim_vehicle.effects import START_TIME, slot
 from sim_vehicle.effects.wind_shear import shear_slopes
 from sim_vehicle.jit import jit, jit_arrays
 from sim_vehicle.model.aerodynamic_terms import REGRESSORS
+from sim_vehicle.physics.actuation import count_named
 from sim_vehicle.physics.dynamics import derivatives
 from sim_vehicle.physics.layout import STATE_SIZE, WORK_SIZE, Aux, Par
 from sim_vehicle.sensitivities.dynamics_jacobian import COLUMNS, STATE_COLUMNS, THRUST_COLUMN, force_jacobian
@@ -107,15 +108,16 @@ def path_slopes(
     n, nf, na, m, count = before.shape[0], free.size, axes.size, places.size, terms.size
     step_x, step_v = np.empty((n - 1, nf, nf + na)), np.zeros((n - 1, nf, width))
     read_x, read_v = np.empty((n, m, nf + na)), np.zeros((n, m, width))
-    x, W, rate, still = np.zeros(STATE_SIZE), np.zeros(WORK_SIZE), np.zeros(STATE_SIZE), np.zeros(3)
-    flow, D, J, R = np.zeros((3, 3)), np.zeros((6, _REGRESSORS)), np.zeros((6, COLUMNS)), np.zeros((6, COLUMNS))
+    named = count_named(F)
+    x, W, rate, still = np.zeros(STATE_SIZE), np.zeros(WORK_SIZE + named), np.zeros(STATE_SIZE), np.zeros(3)
+    flow, D, J, R = np.zeros((3, 3)), np.zeros((6, _REGRESSORS + named)), np.zeros((6, COLUMNS)), np.zeros((6, COLUMNS))
     part, angles, products, H = (
         np.zeros((4, COLUMNS)),
         np.zeros((3, 4)),
         np.zeros(C.size),
         np.zeros((_READINGS, COLUMNS)),
     )
-    Q, A, middle, surfaces = np.zeros((4, 3)), np.zeros((9, 9)), np.empty(9), np.empty(4)
+    Q, A, middle, surfaces = np.zeros((4, 3)), np.zeros((9, 9)), np.empty(9), np.empty(4 + named)
     inner, direct, unit = np.zeros((nf, nf)), np.zeros((nf, na + count)), np.eye(nf)
     for k in range(n):
         x[2] = -heights[k]
@@ -144,7 +146,7 @@ def path_slopes(
         for i in range(9):
             apart = ahead[k, i] - after[k, i]
             middle[i] = after[k, i] + 0.5 * ((apart + pi) % (2.0 * pi) - pi if i == 6 or i == 8 else apart)
-        for i in range(4):
+        for i in range(surfaces.size):
             surfaces[i] = 0.0
             for sub in range(over.shape[1]):
                 surfaces[i] += (over[k, sub, 0, i] + 4.0 * over[k, sub, 1, i] + over[k, sub, 2, i]) / 6.0

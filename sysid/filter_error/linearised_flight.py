@@ -13,6 +13,7 @@ from typing import Any, Self
 import numpy as np
 
 from sim_vehicle.effects import EFFECTS, Remembers, slot
+from sim_vehicle.physics.actuation import count_named
 from sim_vehicle.physics.simulation import effects_flown, split_delay_ticks, undo_hysteresis
 from sim_vehicle.vehicle.packed_model import PackedModel
 from sysid.arrays import Array, IntArray
@@ -261,9 +262,10 @@ class FilteredFlight:
         return effects_flown(effects_at(flat, record), record.thrust[record.start])
 
     def _surfaces(self, k: int, flat: PackedModel) -> tuple[Array, Array]:
-        """What the motion feels (N, sub, 3, 4) and what sensors see (N, 4) of the surfaces along a record."""
+        """What the motion feels (N, sub, 3, 4 + named) and what sensors see (N, 4 + named) of the surfaces."""
         record, sub_steps = self.records[k], self.predictor.sub_steps
-        over, seen = np.empty((record.length, sub_steps, 3, 4)), np.empty((record.length, 4))
+        count = 4 + count_named(flat.F)
+        over, seen = np.empty((record.length, sub_steps, 3, count)), np.empty((record.length, count))
         commands = with_other_inputs(held_by_dead_band(record.commands, record, flat.E), record, flat.E)
         run_actuators(commands, record.start, record.length, record.interval_s, sub_steps,
                       float(self.predictor.command_first), flat.P, flat.E, over, seen)  # fmt: skip

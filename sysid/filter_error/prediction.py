@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from sim_vehicle.effects import START_TIME, slot
 from sim_vehicle.jit import jit, jit_arrays
 from sim_vehicle.physics.actuation import (
-    RISE_COLUMN,
     advance_actuators,
+    count_named,
+    in_lines,
     start_actuators,
     surfaces_after_command,
     surfaces_at_rest,
@@ -41,12 +42,13 @@ def run_actuators(
 ) -> None:  # fmt: skip
     """Surfaces and throttle along a record, which no state acts on.
 
-    commands: (M, 4), or (M, 9) where surfaces go in straight lines from sample to sample. over: (length, sub_steps, 3,
-    4) result, what the motion feels at the begin, in the middle and at the end of every step, its mean by Simpson's
-    rule the true one. seen: (length, 4) result, what sensors see at the samples.
+    commands: (M, 4), or (M, 9) and more where surfaces go in straight lines from sample to sample. over: (length,
+    sub_steps, 3, 4 + named) result, what the motion feels at the begin, in the middle and at the end of every step, its
+    mean by Simpson's rule the true one. seen: (length, 4 + named) result, what sensors see at the samples.
     """
-    actuators, mean, end, before = np.zeros(ACTUATOR_SIZE), np.zeros(4), np.zeros(4), np.zeros(4)
-    servos = (E[_LAG] != 0.0 and E[_TAU] > 0.0) or E[_RATE] != 0.0 or commands.shape[1] > RISE_COLUMN
+    count = seen.shape[1]
+    actuators, mean, end, before = np.zeros(ACTUATOR_SIZE), np.zeros(count), np.zeros(count), np.zeros(count)
+    servos = (E[_LAG] != 0.0 and E[_TAU] > 0.0) or E[_RATE] != 0.0 or in_lines(commands)
     motor = (E[_MOTOR_TAU] if E[_MOTOR] != 0.0 else P[_OWN_TAU]) > 0.0
     step = dt / sub_steps
     start_actuators(commands[0], actuators)
@@ -56,15 +58,15 @@ def run_actuators(
             seen[k - start] = end
             if command_first > 0.0:
                 surfaces_after_command(commands, k, dt, E, seen[k - start])
-                for c in range(4):
+                for c in range(count):
                     seen[k - start, c] = end[c] + command_first * (seen[k - start, c] - end[c])
         for i in range(sub_steps):
             before[:] = end
             advance_actuators(commands, k, i * step, step, dt, P, E, actuators, mean, end)
             if k >= start:
-                for c in range(4):
+                for c in range(count):
                     # What neither lags nor is limited in rate jumps, and is its mean all along.
-                    moves = motor if c == 3 else servos
+                    moves = motor if c == 3 else servos and c < 3
                     first, last = (before[c], end[c]) if moves else (mean[c], mean[c])
                     over[k - start, i, 0, c], over[k - start, i, 2, c] = first, last
                     over[k - start, i, 1, c] = 1.5 * mean[c] - 0.25 * (first + last)
@@ -102,7 +104,7 @@ def _step(
 ) -> None:  # fmt: skip
     """Nine states one sample later.
 
-    still: (3,) zeros. over: (sub_steps, 3, 4). thrust: N, NaN where it follows from the throttle.
+    still: (3,) zeros. over: (sub_steps, 3, 4 + named). thrust: N, NaN where it follows from the throttle.
     x: state of the simulation, of which the angle that a lagging lift feels, x[13], is carried on.
     """
     felt = x[13]
@@ -121,9 +123,9 @@ def _glance(
     slopes: Array, P: Array, E: Array, C: Array, F: IntArray, K: IntArray, T: IntArray, x: Array, W: Array,
     scratch: Array, middle: Array, seen: Array, out: Array,
 ) -> None:  # fmt: skip
-    """Nine states `time` s and so a `share` of a step later, and the surfaces `seen` (4,) there; arguments of `_step`.
+    """Nine states `time` s and so a `share` of a step later, and the surfaces `seen` there; arguments of `_step`.
 
-    x: the angle that a lagging lift feels, x[13], is there then as well. middle: (4,) to work in.
+    x: the angle that a lagging lift feels, x[13], is there then as well. middle: as `seen`, to work in.
     """
     felt = x[13]
     to_simulation(s, x)
@@ -136,7 +138,7 @@ def _glance(
                           T, W, scratch)  # fmt: skip
     part = share * sub_steps - last
     first, half, end = over[last, 0], over[last, 1], over[last, 2]
-    for c in range(4):
+    for c in range(seen.size):
         # The parabola through begin, middle and end of the last sub-step.
         slope, bend = 4.0 * half[c] - 3.0 * first[c] - end[c], 2.0 * (first[c] - 2.0 * half[c] + end[c])
         middle[c] = first[c] + 0.5 * part * (slope + 0.5 * part * bend)
@@ -178,20 +180,21 @@ def predict_path(
 
     before, after: (N, 9) u v w p q r phi theta psi expected before and known after each sample. gust_before,
     gust_after: (N, 3) body-axis gusts there, gust_over: (N - 1, 3) between samples. free: states that are integrated;
-    the others are imposed if `held`. over: (N, sub, 3, 4), seen: (N, 4) surfaces; thrust: (N,) N, NaN where it follows
-    from the throttle. heights: (N,) m, 0 where no effect asks for one. lagging: whether some sensor lags. A
-    lift or a sensor that lags remembers the path itself: what it feels of the past is then a function of past
+    the others are imposed if `held`. over: (N, sub, 3, 4 + named), seen: (N, 4 + named) surfaces; thrust: (N,) N, NaN
+    where it follows from the throttle. heights: (N,) m, 0 where no effect asks for one. lagging: whether some sensor
+    lags. A lift or a sensor that lags remembers the path itself: what it feels of the past is then a function of past
     readings, as a prediction may be, though not of the filter's state. part: of a sample, above 0 where some sensors
-    are delayed.
-    Returns ahead (N - 1, 9), the channels at `places` (N, m), and the same `part` of a sample before each sample, on
-    the way there from the sample before; (0, m) where `part` is 0.
+    are delayed. Returns ahead (N - 1, 9), the channels at `places` (N, m), and the same `part` of a sample before each
+    sample, on the way there from the sample before; (0, m) where `part` is 0.
     """
     n = before.shape[0]
     shown = np.empty((n if part > 0.0 else 0, places.size))
-    glanced, middle, then, between = np.empty(9), np.empty(4), np.empty(4), np.empty(places.size)
+    named = count_named(F)
+    glanced, middle, then, between = np.empty(9), np.empty(4 + named), np.empty(4 + named), np.empty(places.size)
     past_sensor, aside = np.zeros(SENSOR_SIZE), np.zeros(SENSOR_SIZE)
     ahead, y = np.empty((n - 1, 9)), np.empty((n, places.size))
-    x, W, scratch, rate = np.zeros(STATE_SIZE), np.zeros(WORK_SIZE), np.zeros((5, STATE_SIZE)), np.zeros(STATE_SIZE)
+    x, W, rate = np.zeros(STATE_SIZE), np.zeros(WORK_SIZE + named), np.zeros(STATE_SIZE)
+    scratch = np.zeros((5, STATE_SIZE))
     sensor, full, still = np.zeros(SENSOR_SIZE), np.empty(19), np.zeros(3)
     slopes = np.full(6, np.nan) if held else np.zeros(0)
     remembered, unused = np.zeros(SENSOR_SIZE), np.empty(places.size)

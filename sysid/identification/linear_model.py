@@ -57,7 +57,7 @@ class StateSpace:
 
     A: (8, 8). B: (8, I). C: (11, 8). D: (11, I); the arguments of `control.ss`. airspeed: m/s, density: kg/m3.
     trim: values of STATES and inputs in steady flight. inputs: INPUTS, without the throttle where the vehicle file does
-    not say what thrust it gives.
+    not say what thrust it gives, and the vehicle's controls of other names.
     """
 
     A: Array
@@ -294,7 +294,9 @@ def linearise(
         # Whatever gave the thrust that was measured: only its line matters here, and the throttle is no input.
         there = replace(there, propulsion=_any_thrust(there))
         system, trim = _state_space(there, whole, airspeed, density)
-        system = replace(system, inputs=INPUTS[:3], B=system.B[:, :3], D=system.D[:, :3])
+        others = [j for j, name in enumerate(system.inputs) if name != "throttle"]
+        inputs = tuple(system.inputs[j] for j in others)
+        system = replace(system, inputs=inputs, B=system.B[:, others], D=system.D[:, others])
     names = [name for name, entry in whole.coefficients.items() if entry.std]
     spread = np.diag([float(whole.coefficients[name].std or 0.0) ** 2 for name in names])
     places: list[int] = []
@@ -306,12 +308,13 @@ def linearise(
         spread[np.ix_(here, here)] = errors.known.covariance[np.ix_(places, places)]
     # Both sides of a difference take the same steps, so that what a coefficient does not touch cancels to the last bit.
     base, _ = _state_space(there, whole, airspeed, density, trim)
+    kept = [base.inputs.index(name) for name in system.inputs]
 
     def slope(vehicle: Vehicle, changed: Model, density: float, step: float) -> tuple[Array, Array, Array, Array]:
         moved, _ = _state_space(vehicle, changed, airspeed, density, trim)
         pairs = zip(_matrices(moved), _matrices(base), strict=True)
         a, b, c, d = ((after - before) / step for after, before in pairs)
-        return a, b[:, : len(system.inputs)], c, d[:, : len(system.inputs)]
+        return a, b[:, kept], c, d[:, kept]
 
     slopes = []
     for name in names:
@@ -362,8 +365,9 @@ def _state_space(
     x0 = np.array([outputs[name] for name in STATES])
     u0 = np.asarray(trim.state.surfaces, dtype=np.float64)
     matrix_x = np.empty((len(STATES) + 3, len(STATES)))
-    matrix_u = np.empty((len(STATES) + 3, len(INPUTS)))
-    for matrix, at, count in ((matrix_x, x0, len(STATES)), (matrix_u, u0, len(INPUTS))):
+    inputs = (*INPUTS, *vehicle.named_controls)
+    matrix_u = np.empty((len(STATES) + 3, len(inputs)))
+    for matrix, at, count in ((matrix_x, x0, len(STATES)), (matrix_u, u0, len(inputs))):
         for j in range(count):
             sides = []
             for sign in (1.0, -1.0):
@@ -374,9 +378,9 @@ def _state_space(
             matrix[:, j] = (sides[0] - sides[1]) / (2.0 * _STEP)
     n = len(STATES)
     C = np.vstack((np.eye(n), matrix_x[n:]))
-    D = np.vstack((np.zeros((n, len(INPUTS))), matrix_u[n:]))
-    trimmed = {**dict(zip(STATES, x0.tolist(), strict=True)), **dict(zip(INPUTS, u0.tolist(), strict=True))}
-    return StateSpace(matrix_x[:n], matrix_u[:n], C, D, airspeed, density, trimmed), trim
+    D = np.vstack((np.zeros((n, len(inputs))), matrix_u[n:]))
+    trimmed = {**dict(zip(STATES, x0.tolist(), strict=True)), **dict(zip(inputs, u0.tolist(), strict=True))}
+    return StateSpace(matrix_x[:n], matrix_u[:n], C, D, airspeed, density, trimmed, inputs), trim
 
 
 def _rates(plant: Plant, state: PlantState, x: Array, u: Array) -> Array:

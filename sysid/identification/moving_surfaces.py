@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim_vehicle.model.aerodynamic_terms import parse_term
+from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.compatibility.reconstruction import CompatibilityResult, check_compatibility
@@ -77,7 +78,7 @@ def _parts(flight: Prepared) -> list[tuple[float, int]]:
 
 def _as_positions(vehicle: Vehicle) -> Vehicle | None:
     """The aircraft with a log of positions of its surfaces; None where its file says that, or how late commands are."""
-    surfaces = {name: one for name, one in vehicle.controls.items() if name != "throttle"}
+    surfaces = {name: one for name, one in vehicle.controls.items() if DEFLECTION_SIGNALS.get(name) in SURFACES}
     stated = any(one.delay.value or one.lag.value for one in surfaces.values())
     if stated or not surfaces or has_positions(vehicle):
         return None
@@ -92,10 +93,12 @@ def _between_samples(held: Sequence[FlightData], moving: Sequence[FlightData], v
     """
     bodies = (replace(body_of(vehicle), surfaces_measured=False), body_of(vehicle))
     ways = (held, moving)
-    still = {name for name in SURFACES if all(np.ptp(part[name]) < 1e-4 for part in ways[0])}
+    named = vehicle.named_controls
+    still = {name for name in (*SURFACES, *named) if all(np.ptp(part[name]) < 1e-4 for part in ways[0])}
     gain = 0.0
     for axis in _MOMENTS:
-        names = [name for name in axis if name.partition("_")[2] not in still]
+        every = (*axis, *(f"{axis[0].partition('_')[0]}_{control}" for control in named))
+        names = [name for name in every if name.partition("_")[2] not in still]
         if not any(name.partition("_")[2] in SURFACES for name in names):
             continue
         try:

@@ -91,9 +91,9 @@ class LiveIdentifier:
         self._window = None if runner is None else SlidingWindow(vehicle, runner)
         # The window finds flow angles by kinematics where there is no vane.
         self._dispensable = frozenset(("alpha",) if runner is not None else ())
-        surfaces = [DEFLECTION_SIGNALS[name] for name in vehicle.controls if name != "throttle"]
-        self._surfaces = tuple(surfaces)
-        self._names = default_structure(surfaces)
+        surfaces = [DEFLECTION_SIGNALS[n] for n in vehicle.controls if n != "throttle" and n in DEFLECTION_SIGNALS]
+        self._surfaces = (*surfaces, *vehicle.named_controls)
+        self._names = default_structure(surfaces, vehicle.named_controls)
         self._thrust = LiveThrust(vehicle)
         self._base: TimeBase | None = None
         self._waiting = deque[Mapping[str, tuple[Array, Array]]]()
@@ -190,7 +190,7 @@ class LiveIdentifier:
         """Run all of it once on a made-up flight: the very first run of an installation compiles."""
         time_s: Array = 0.02 * np.arange(600, dtype=np.float64)  # beyond a whole window of the transform
         level = {"az": -vehicle.environment.gravity, "airspeed": 15.0, "air_density": SEA_LEVEL_DENSITY, "thrust": 1.0}
-        names = (*CORE, *OPTIONAL, *_SPARSE, "thrust", *DEFLECTION_SIGNALS.values())
+        names = (*CORE, *OPTIONAL, *_SPARSE, "thrust", *DEFLECTION_SIGNALS.values(), *vehicle.named_controls)
         live = cls(vehicle)
         for part in np.split(np.arange(time_s.size), 3):
             live.take({name: (time_s[part], np.full(part.size, level.get(name, 0.01))) for name in names})
@@ -349,7 +349,7 @@ class LiveIdentifier:
                 elif axis in self._standing:
                     self._axes[axis].detector.restart()
             return
-        self._base = TimeBase(needed, _HEIGHT)
+        self._base = TimeBase(needed, _HEIGHT, self._vehicle.named_controls)
         self._equations = LiveEquations(self._vehicle, terms, self._thrust.moving_mass)
         for samples in self._waiting:
             self._base.add(samples)

@@ -37,7 +37,7 @@ from sysid.problem.model_structure import (
     is_longitudinal,
     usual_size,
 )
-from sysid.signals.flight import FlightSignals, Signal
+from sysid.signals.flight import FlightSignals, Signal, moved_controls
 from sysid.signals.record import SURFACES
 
 WINDOW_S = 25.0  # that an estimate looks back over
@@ -103,7 +103,8 @@ def estimate_window(
     """Estimate from `begin_s` to `end_s`. signals: stamps (s) and values (SI) of each. near: `ends` of the last one."""
     began = time.process_time()
     flight = FlightSignals("live", {name: Signal(t, v, "", "") for name, (t, v) in signals.items()})
-    names = default_structure([name for name in SURFACES if name in signals])
+    named = moved_controls(vehicle.named_controls, ({name: values for name, (_, values) in signals.items()},))
+    names = default_structure([name for name in SURFACES if name in signals], named)
     structure = Model(vehicle.name, {name: Coefficient(0.0) for name in names})
     try:
         parts = _parts(flight, vehicle, begin_s, end_s)
@@ -153,7 +154,7 @@ def warm_up(vehicle: Vehicle) -> None:
     level = {"az": -vehicle.environment.gravity, "airspeed": 15.0, "air_density": SEA_LEVEL_DENSITY, "thrust": 1.0}
     names = ("ax", "ay", "az", "p", "q", "r", "phi", "theta", "psi", "alpha", "beta", "airspeed", "air_density")
     columns = {}
-    for k, name in enumerate((*names, "thrust", *SURFACES)):
+    for k, name in enumerate((*names, "thrust", *SURFACES, *vehicle.named_controls)):
         swing = 0.05 * np.sin((3.0 + 0.3 * k) * time_s) + 0.002 * noise.standard_normal(time_s.size)
         columns[name] = (time_s, level.get(name, 0.0) + swing)
     estimate_window(vehicle, columns, 1.5, 11.5)

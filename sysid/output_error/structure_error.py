@@ -280,7 +280,7 @@ def _regressors(
         "p": p * b / (2.0 * speed),
         "q": q * c / (2.0 * speed),
         "r": r * b / (2.0 * speed),
-        **{name: commands[:, j] for j, name in enumerate((*SURFACES, "throttle"))},
+        **{name: commands[:, j] for j, name in enumerate((*SURFACES, "throttle", *record.named))},
     }
     along["CL"] = _products(list(lift), along) @ np.array(list(lift.values())) if lift else np.zeros(record.length)
     return along

@@ -148,8 +148,11 @@ def _again(before: GroupEstimate, parts: Sequence[FlightPart]) -> GroupEstimate:
 
 
 def excited(parts: Sequence[FlightPart], least: float = LEAST_TRAVEL) -> frozenset[str]:
-    """Surfaces (of de, da, dr) whose command has a standard deviation of more than `least` [rad] in some part."""
-    return frozenset(name for name in SURFACES if any(part.travel(name) > least for part in parts))
+    """Surfaces (of de, da, dr and controls of other names) whose command has a standard deviation of more than `least`
+    [rad] in some part.
+    """
+    names = {*SURFACES, *(name for part in parts for name in part.named)}
+    return frozenset(name for name in names if any(part.travel(name) > least for part in parts))
 
 
 def stirred_in(parts: Sequence[FlightPart]) -> frozenset[str]:
@@ -157,7 +160,7 @@ def stirred_in(parts: Sequence[FlightPart]) -> frozenset[str]:
     return frozenset(
         name
         for part in parts
-        for name in SURFACES
+        for name in (*SURFACES, *part.named)
         if name in part.inputs
         and part.travel(name) > min(LEAST_TRAVEL, max(_STILL, _RESOLUTIONS * part.inputs[name].resolution))
     )
@@ -202,8 +205,9 @@ def estimate(
         if group in lost:
             left_out[group] = lost[group]
             continue
-        still = set(SURFACES_OF[group]) - stirred
-        whole = bool(set(SURFACES_OF[group]) & moved)
+        named = {control for name in own if (control := parse_term(name).control)}
+        still = {*SURFACES_OF[group], *named} - stirred
+        whole = bool({*SURFACES_OF[group], *named} & moved)
         names = [name for name in own if whole and not still & set(parse_term(name).factors)]
         unexcited += [name for name in own if name not in names]
         outputs = outputs_of(group, parts)
@@ -394,7 +398,8 @@ def _start_search(
         tried.append((posterior.profile_cost(begin), begin, posterior))
     posterior, theta = _best(tried, again)
     # Which way a surface counts is the vehicle file's choice.
-    motion = {name: usual[name] for name in names if not set(SURFACES_OF[group]) & set(parse_term(name).factors)}
+    surfaces = {*SURFACES_OF[group], *vehicle.named_controls}
+    motion = {name: usual[name] for name in names if not surfaces & set(parse_term(name).factors)}
     return _GroupSearch(posterior, model, theta, motion, doubts)
 
 

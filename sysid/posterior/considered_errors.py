@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 
-from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS
+from sim_vehicle.vehicle.controls import signal_of
 from sim_vehicle.vehicle.vehicle_file import Vehicle, stronger
 from sysid.posterior.group_model import PerturbedInputs
 from sysid.problem.vehicle_errors import DENSITY, DENSITY_SHARE, doubts_of_mass, heavier, is_stated
@@ -72,14 +72,15 @@ def _linkages(vehicle: Vehicle) -> list[ConsiderParameter]:
     """Each linkage that the bench has measured, or all together by a usual amount."""
     found = []
     for control, known in vehicle.controls.items():
-        surface = DEFLECTION_SIGNALS[control]
-        if surface not in SURFACES:
+        surface = signal_of(control)
+        if surface == "throttle":
             continue
         if known.gain_std:
             found.append(_commands(f"{control}_gain_std", True, {surface: 1.0 + known.gain_std / PARTS}, {}))
         if known.bias_std:
             found.append(_commands(f"{control}_bias_std", True, {}, {surface: known.bias_std / PARTS}))
-    return found or [_commands("linkage_5pct", False, dict.fromkeys(SURFACES, 1.0 + 0.05 / PARTS), {})]
+    every = (*SURFACES, *vehicle.named_controls)
+    return found or [_commands("linkage_5pct", False, dict.fromkeys(every, 1.0 + 0.05 / PARTS), {})]
 
 
 def _commands(name: str, stated: bool, gains: dict[str, float], biases: dict[str, float]) -> ConsiderParameter:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim_vehicle.constants import SEA_LEVEL_DENSITY
-from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS
+from sim_vehicle.vehicle.controls import control_of
 from sim_vehicle.vehicle.sensors import Sensors
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
@@ -40,7 +40,6 @@ _USUAL_SIDESLIP = 0.3
 _FEWEST = 10
 _THRUST_HALF_S = 0.1
 
-_CONTROLS = {signal: control for control, signal in DEFLECTION_SIGNALS.items()} | {"throttle": "throttle"}
 MEASURED = (*IMU, "alpha", "beta")
 
 
@@ -48,11 +47,11 @@ MEASURED = (*IMU, "alpha", "beta")
 class FlightPart:
     """One part of one flight.
 
-    grid: (N,) s, even. inputs: de, da, dr, throttle as functions of time. motion: alpha, beta, p, q, r, phi, theta
-    [rad, rad/s] smoothed, (N,), and slow_alpha. airspeed: true, smoothed. thrust: (N,) N, NaN where it follows from
-    the throttle; thrust_from: the signal that gives it, "" for none. rho: (N,) kg/m3. channels: measured outputs by
-    name. common: grid of the residuals. highest_hz: to which they count. position: whether the log holds positions of
-    the surfaces. messages: signal -> the message that carried it.
+    grid: (N,) s, even. inputs: de, da, dr, throttle and controls of other names as functions of time. motion: alpha,
+    beta, p, q, r, phi, theta [rad, rad/s] smoothed, (N,), and slow_alpha. airspeed: true, smoothed. thrust: (N,) N, NaN
+    where it follows from the throttle; thrust_from: the signal that gives it, "" for none. rho: (N,) kg/m3. channels:
+    measured outputs by name. common: grid of the residuals. highest_hz: to which they count. position: whether the log
+    holds positions of the surfaces. messages: signal -> the message that carried it.
     """
 
     flight: str
@@ -68,6 +67,11 @@ class FlightPart:
     highest_hz: float
     position: bool
     messages: Mapping[str, str]
+
+    @property
+    def named(self) -> tuple[str, ...]:
+        """Controls of other names than de, da, dr and throttle that were recorded."""
+        return tuple(name for name in self.inputs if name not in (*SURFACES, "throttle"))
 
     @property
     def duration_s(self) -> float:
@@ -103,10 +107,11 @@ def inputs_of(
     signals: FlightSignals, vehicle: Vehicle, begin: float, end: float
 ) -> tuple[dict[str, InputSignal], bool]:
     """de, da, dr and throttle as functions of time from begin to end [s], and whether surfaces are positions."""
-    commands = {name: finite(signals, name, begin, end) for name in (*SURFACES, "throttle")}
+    named = vehicle.named_controls
+    commands = {name: finite(signals, name, begin, end) for name in (*SURFACES, "throttle", *named)}
     commands = {name: one for name, one in commands.items() if one[0].size >= 2}
     # [signals] may bring what [controls] does not describe. A delay that is known counts from commands that stay.
-    controls = {name: vehicle.controls.get(control) for name, control in _CONTROLS.items() if name in commands}
+    controls = {name: vehicle.controls.get(control_of(name)) for name in commands}
     described = {name: one for name, one in controls.items() if one is not None}
     position = any(one.signal == "position" for name, one in described.items() if name in SURFACES)
     held = [name for name, one in described.items() if one.delay.value is not None]
@@ -116,7 +121,13 @@ def inputs_of(
         if name in SURFACES
         else input_signal(*one, in_steps([one[1]]), name in held)
         for name, one in commands.items()
+        if name not in named
     }
+    for name in (name for name in commands if name in named):
+        one, control = commands[name], vehicle.controls[name]
+        inputs[name] = surface_signal(
+            *one, control, position=control.signal == "position", stepping=in_steps([one[1]]), held=name in held
+        )
     return inputs, position
 
 

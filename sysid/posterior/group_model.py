@@ -361,13 +361,13 @@ class GroupModel:
         return replace(one.record, commands=commands, imposed_states=imposed, thrust=thrust)
 
     def _commands(self, one: _Prepared, values: Mapping[str, float]) -> Array:
-        """(N, 4) means of what the surfaces did over each step, and the throttle."""
-        part = one.part
+        """(N, 4 + named) means of what the surfaces did over each step, the throttle, and controls of other names."""
+        part, named = one.part, self.vehicle.named_controls
         n, step = part.grid.size, one.record.interval_s
-        commands = np.zeros((n, 4))
-        for j, name in enumerate(SURFACES):
+        commands = np.zeros((n, 4 + len(named)))
+        for j, name in enumerate((*SURFACES, "", *named)):
             if name in part.inputs and name in self._surfaces:
-                servos = [values[key] for key in OF_SURFACES]
+                servos = servo_of(self.vehicle, name, [values[key] for key in OF_SURFACES])
                 moved = surface_means(part.inputs[name], part.grid[0], step, n, servos)
                 gain, bias = self._given.gains.get(name, 1.0), self._given.biases.get(name, 0.0)
                 commands[:, j] = gain * moved + bias
@@ -430,6 +430,21 @@ class GroupModel:
                 stamps = one.part.channels[name].time_s - clock
                 result[j] = one.joined[name] @ (read_at(one.part.grid, stamps) @ column)
         return result
+
+
+def servo_of(vehicle: Vehicle, name: str, common: Sequence[float]) -> Sequence[float]:
+    """Delay [s], lag [s], backlash [rad] and share of the rounding of the servo of one control: of one of another name
+    as the vehicle file states it; the servos of all surfaces in `common` where it says nothing.
+    """
+    control = vehicle.controls.get(name) if name in vehicle.named_controls else None
+    if control is None:
+        return common
+    if control.signal == "position":
+        return (0.0, 0.0, 0.0, 0.0)
+    stated = (control.delay.value, control.lag.value, control.backlash.value)
+    if all(value is None for value in stated):
+        return common
+    return (*(value or 0.0 for value in stated), common[3])
 
 
 def _airspeed(part: FlightPart, values: Mapping[str, float]) -> Array:

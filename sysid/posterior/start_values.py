@@ -111,7 +111,7 @@ def _columns(part: FlightPart, vehicle: Vehicle, delay: float) -> dict[str, Arra
         "r": r * geometry.b / (2.0 * V), "alphadot": ad * geometry.c / (2.0 * V), "throttle": throttle,
     }  # fmt: skip
     found["CL2"] = found["CL"] ** 2
-    for name in ("de", "da", "dr"):
+    for name in ("de", "da", "dr", *vehicle.named_controls):
         if name in part.inputs:
             found[name] = servo(part.inputs[name], part.grid, delay, 0.0, 0.0)
         else:

@@ -10,7 +10,7 @@ import numpy as np
 
 from sim_vehicle.effects.thrust_line_offset import THRUST_LINE_OFFSET
 from sim_vehicle.model.model_file import Model
-from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS
+from sim_vehicle.vehicle.controls import signal_of
 from sim_vehicle.vehicle.strict_toml import NOT_SAID, Known
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.posterior.nuisance_priors import (
@@ -40,7 +40,7 @@ _OUTPUTS = {
 def declared(vehicle: Vehicle, group: str, messages: Mapping[str, str]) -> dict[str, Stated]:
     """Priors of a group's nuisances by name. messages: signal -> the message that carried it."""
     sensors, found = vehicle.sensors, {}
-    controls = [one for name, one in vehicle.controls.items() if DEFLECTION_SIGNALS[name] in SURFACES_OF[group]]
+    controls = [one for name, one in vehicle.controls.items() if signal_of(name) in SURFACES_OF[group]]
     for key in ("delay", "lag", "backlash"):
         found[f"servo_{key}"] = _one(getattr(control, key) for control in controls)
     found["servo_delay"] = _later(

@@ -211,4 +211,5 @@ def _variables(
         "da": commands[:, 1],
         "dr": commands[:, 2],
         "thrust": thrust,
+        **{name: commands[:, 4 + j] for j, name in enumerate(vehicle.named_controls)},
     }

@@ -45,8 +45,9 @@ Progress = Callable[[float, str], None]
 class Motion:
     """Which part of the motion is simulated freely; the other part's states are taken from the measurement.
 
-    still: surfaces (of de, da, dr) that never moved; nothing they multiply is identifiable. ground: whether velocity
-    over ground counts, with the wind unknown: where a vane is missing it determines the flow's direction.
+    still: surfaces (of de, da, dr and controls of other names) that never moved; nothing they multiply is identifiable.
+    ground: whether velocity over ground counts, with the wind unknown: where a vane is missing it determines the flow's
+    direction.
     """
 
     longitudinal: bool
@@ -99,6 +100,9 @@ def excited_motion(records: Sequence[Record], lost: Collection[str] = ()) -> Mot
     travel = np.max([np.ptp(record.commands[:, :3], axis=0) for record in records], axis=0)
     lateral = bool(max(travel[1], travel[2]) > QUIET_SURFACE)
     still = frozenset(name for name, moved in zip(SURFACES, travel, strict=True) if moved < STILL_SURFACE)
+    for j, name in enumerate(records[0].named, 4):
+        if max(float(np.ptp(record.commands[:, j])) for record in records) < STILL_SURFACE:
+            still |= {name}
     longitudinal = (bool(travel[0] > QUIET_SURFACE) or not lateral) and "longitudinal" not in lost
     lateral = lateral and "lateral" not in lost
     wanted = (*(("alpha",) if longitudinal else ()), *(("beta",) if lateral else ()))

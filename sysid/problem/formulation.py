@@ -122,7 +122,7 @@ def corrected_parts(
             columns = {**data.columns, "thrust": thrust, "torque": torque, "air_density": record.rho[here]}
             columns |= {
                 name: (record.positions if record.positions.size and name in SURFACES else record.commands)[here, j]
-                for j, name in enumerate((*SURFACES, "throttle"))
+                for j, name in enumerate((*SURFACES, "throttle", *record.named))
             }
             columns.setdefault("beta", np.zeros(record.length))
             parts.append(replace(data, columns=columns))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from functools import cache
 
-from sim_vehicle.model.aerodynamic_terms import parse_term
+from sim_vehicle.model.aerodynamic_terms import AXES, parse_term
 from sysid.numerics.statistics import without
 
 LONGITUDINAL_AXES = ("CL", "CD", "Cm")
@@ -86,6 +86,8 @@ def is_longitudinal(name: str) -> bool:
 def helpful_manoeuvre(name: str) -> str:
     """The manoeuvre that excites what a coefficient multiplies."""
     term = parse_term(name)
+    if term.control:
+        return f"{term.control}-multisine"
     for factor in term.factors:
         if factor in _MANOEUVRE:
             return _MANOEUVRE[factor]
@@ -96,8 +98,13 @@ def helpful_manoeuvre(name: str) -> str:
     return "aileron-multisine,rudder-multisine"
 
 
-def default_structure(surfaces: Iterable[str]) -> tuple[str, ...]:
-    """The linear model for a vehicle with these surfaces (of de, da, dr)."""
-    present = set(surfaces)
-    names: Sequence[str] = (*DEFAULT_LONGITUDINAL, *DEFAULT_LATERAL)
+def default_structure(surfaces: Iterable[str], named: Iterable[str] = ()) -> tuple[str, ...]:
+    """The linear model for a vehicle with these surfaces (of de, da, dr) and controls of other names, each of which may
+    act on every axis.
+    """
+    present, longitudinal, lateral = set(surfaces), list(DEFAULT_LONGITUDINAL), list(DEFAULT_LATERAL)
+    for control in named:
+        longitudinal += [f"{axis}_{control}" for axis in LONGITUDINAL_AXES]
+        lateral += [f"{axis}_{control}" for axis in AXES if axis not in LONGITUDINAL_AXES]
+    names: Sequence[str] = (*longitudinal, *lateral)
     return tuple(n for n in names if not ({"de", "da", "dr"} & set(parse_term(n).factors)) - present)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -34,6 +34,33 @@ def repeats(values: Array) -> bool:
     """
     known = values[np.isfinite(values)]
     return known.size > 1 and float(np.ptp(known)) == 0.0
+
+
+# Range of a control of its own name, rad or a share of its travel, below which it has not moved.
+_LEAST_RANGE = 0.01
+
+
+def moved_controls(named: Sequence[str], flights: Iterable[Mapping[str, Array]]) -> list[str]:
+    """Those controls of other names than de, da, dr and throttle that have moved: what the others do nobody can see.
+
+    Parameters
+    ----------
+    named : sequence of str
+        The vehicle's controls of other names.
+    flights : iterable of Mapping of str to Array, shape (N,) each
+        Control -> its deflection, rad or a share of its travel, of each flight.
+
+    Returns
+    -------
+    list of str
+        Names in the order given. One that stands elsewhere in each flight has moved.
+    """
+    seen: dict[str, list[float]] = {}
+    for flight in flights:
+        for name in named:
+            values = flight.get(name, np.zeros(0))
+            seen.setdefault(name, []).extend(values[np.isfinite(values)])
+    return [name for name in named if seen.get(name) and float(np.ptp(seen[name])) > _LEAST_RANGE]
 
 
 # Nobody flies test inputs in so many seconds.

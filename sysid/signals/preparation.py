@@ -137,7 +137,7 @@ def prepare(
     """
     signals = _with_values(signals)
     signals.require(*NEEDED)
-    data = resample(signals, moving=positions_of(vehicle))
+    data = resample(signals, moving=positions_of(vehicle), named=vehicle.named_controls)
     given = start_s is not None or stop_s is not None
     segments = [_requested(data, start_s, stop_s)] if given else find_segments(data)
     data, shares = combined_sensors(_without_dead(data, segments), vehicle)

@@ -10,7 +10,7 @@ import numpy as np
 from sim_vehicle.constants import SEA_LEVEL_DENSITY
 from sim_vehicle.effects import START_TIME, THRUST_AIRSPEED, THRUST_BEND, THRUST_SLOPE, slot
 from sim_vehicle.physics.layout import CHANNELS
-from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS, Control
+from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS, Control, control_of
 from sim_vehicle.vehicle.packed_model import PackedModel
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
@@ -40,7 +40,6 @@ LATERAL = ("beta", "p", "r", "phi", "psi", "ay")
 GROUND = ("vn", "ve", "vd")
 SURFACES = ("de", "da", "dr")
 _INPUTS = (*SURFACES, "throttle")
-_CONTROL_OF = {signal: control for control, signal in DEFLECTION_SIGNALS.items()}
 # Commands before a stretch that may still be under way in the actuators when it starts, s.
 PRE_ROLL_S = 0.6
 # Actuators forget what was commanded longer ago, s.
@@ -76,7 +75,8 @@ def angle_wrap(residual: Array) -> Array:
 class Record:
     """One stretch of one flight for a free-running simulation.
 
-    commands: (M, 4) de, da, dr [rad] and throttle, held from each sample on, from `first` of the flight's samples on.
+    commands: (M, 4 + named) de, da, dr [rad], throttle and the vehicle's controls of other names (`named`), held from
+    each sample on, from `first` of the flight's samples on.
     thrust: (M,) N, NaN where it follows from the throttle. rho: (M,) kg/m3. z: (N, 15) measured OUTPUTS of the samples
     `start` ... `start + N - 1` of the commands; NaN where missing. time_s: (N,) s. interval_s: s. imposed_states: (M,
     9) states imposed instead of integrated, or (0, 9). moving_mass: kg; `thrust` holds moving_mass times the measured
@@ -120,6 +120,7 @@ class Record:
     joined: bool = False
     positions: Array = field(default_factory=lambda: np.zeros((0, 3)))
     surface_doubt: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    named: tuple[str, ...] = ()
 
     @property
     def length(self) -> int:
@@ -287,8 +288,8 @@ def with_other_inputs(commands: Array, record: Record, effects: Array) -> Array:
 
     Parameters
     ----------
-    commands : Array, shape (M, 4)
-        Commands de, da, dr, rad, and throttle, dimensionless.
+    commands : Array, shape (M, 4 + named)
+        Commands de, da, dr, rad, throttle, dimensionless, and controls of other names.
     record : Record
         Stretch of a flight, whose commands have M samples.
     effects : Array, shape (E,)
@@ -296,10 +297,10 @@ def with_other_inputs(commands: Array, record: Record, effects: Array) -> Array:
 
     Returns
     -------
-    Array, shape (M, 4), (M, 6) or (M, 9)
+    Array, shape (M, 4), (M, 6), (M, 9) or (M, 9 + named)
         The commands as given where nothing needs more; else followed by the height, m, NaN where no effect depends on
         it, by the way in which the thrust sensor's reading moves, -1 to 1, dimensionless, 0 where it is not known, and
-        by the rises, rad.
+        by the rises, rad, NaN where surfaces are held.
 
     Raises
     ------
@@ -307,13 +308,16 @@ def with_other_inputs(commands: Array, record: Record, effects: Array) -> Array:
         Where the height that an effect needs is not known.
     """
     heights = height_for(record, effects)
-    positions = record.positions
-    if not heights.size and effects[slot("thrust_sensor_hysteresis")] == 0.0 and not positions.size:
+    positions, named = record.positions, commands[:, 4:]
+    alone = not positions.size and not named.size
+    if not heights.size and effects[slot("thrust_sensor_hysteresis")] == 0.0 and alone:
         return commands
     heights = heights if heights.size else np.full(commands.shape[0], np.nan)
     way = record.hysteresis_direction if record.hysteresis_direction.size else np.zeros(commands.shape[0])
     rises = [np.diff(positions, axis=0, append=positions[-1:])] if positions.size else []
-    return np.ascontiguousarray(np.column_stack((commands, heights, way, *rises)))
+    if named.size and not rises:
+        rises = [np.full((commands.shape[0], len(SURFACES)), np.nan)]
+    return np.ascontiguousarray(np.column_stack((commands[:, :4], heights, way, *rises, named)))
 
 
 def _smooth(values: Array, interval_s: float, cutoff_hz: float) -> Array:
@@ -324,17 +328,18 @@ def _smooth(values: Array, interval_s: float, cutoff_hz: float) -> Array:
 
 def make_records(data: FlightData, vehicle: Vehicle, spans: Sequence[tuple[int, int]]) -> list[Record]:
     """Records of the samples start ... stop - 1 of each span; SignalError where an input is missing."""
-    if "de" not in data and "da" not in data and "dr" not in data:
+    if not any(name in data for name in (*SURFACES, *vehicle.named_controls)):
         raise SignalError(
             f"{data.name}: no control surface is known: name its servo under [controls] of the vehicle file"
         )
     n = data.time_s.size
-    given = {name: filled(data[name]) if name in data else np.zeros(n) for name in _INPUTS}
-    commands = np.stack([_as_acted(name, given[name], vehicle, data.interval_s) for name in _INPUTS], axis=1)
+    inputs = (*_INPUTS, *vehicle.named_controls)
+    given = {name: filled(data[name]) if name in data else np.zeros(n) for name in inputs}
+    commands = np.stack([_as_acted(name, given[name], vehicle, data.interval_s) for name in inputs], axis=1)
     heights = (height_above_ground(data), height_in_flight(data))
     doubt = positions = np.zeros((0, 3))
     if has_positions(vehicle):
-        doubt = np.stack([position_doubt(given[name], vehicle.controls.get(_CONTROL_OF[name])) for name in SURFACES], 1)
+        doubt = np.stack([position_doubt(given[name], vehicle.controls.get(control_of(name))) for name in SURFACES], 1)
         positions = np.stack([given[name] for name in SURFACES], 1)
     return [_make_record(data, vehicle, start, stop, commands, heights, doubt, positions) for start, stop in spans]
 
@@ -358,24 +363,30 @@ def position_doubt(values: Array, control: Control | None) -> Array:
 
 def positions_of(vehicle: Vehicle) -> dict[str, Control | None]:
     """Signals of the surfaces with what the vehicle file says of each, where the log holds their positions."""
-    return {name: vehicle.controls.get(_CONTROL_OF[name]) for name in SURFACES} if has_positions(vehicle) else {}
+    named = {name: vehicle.controls[name] for name in vehicle.named_controls}
+    found: dict[str, Control | None] = {name: one for name, one in named.items() if one.signal == "position"}
+    if has_positions(vehicle):
+        found |= {name: vehicle.controls.get(control_of(name)) for name in SURFACES}
+    return found
 
 
 def has_positions(vehicle: Vehicle) -> bool:
     """Whether the log holds positions of the surfaces, between which they move, instead of commands that are held."""
-    return any(one.signal == "position" for name, one in vehicle.controls.items() if name != "throttle")
+    return any(
+        one.signal == "position" for name, one in vehicle.controls.items() if DEFLECTION_SIGNALS.get(name) in SURFACES
+    )
 
 
 def _as_acted(name: str, values: Array, vehicle: Vehicle, interval_s: float) -> Array:
     """(n,) what a command does from each sample to the next, later by what the vehicle file says of its servo: delay
     and lag together. A measured position is on a monotone curve through its samples, which counts by its mean.
     """
-    control = vehicle.controls.get(_CONTROL_OF[name])
-    if name in SURFACES and has_positions(vehicle) and values.size > 1:
+    if name in positions_of(vehicle) and values.size > 1:
         from scipy.interpolate import PchipInterpolator  # slow to import, and seldom wanted
 
         along = PchipInterpolator(np.arange(values.size), values).antiderivative()(np.arange(values.size))
         return np.append(np.diff(along), values[-1])
+    control = vehicle.controls.get(control_of(name))
     late = 0.0 if control is None else (control.delay.value or 0.0) + (control.lag.value or 0.0)
     return held_back(values, late, interval_s) if late > 0.0 else values
 
@@ -390,7 +401,7 @@ def _make_record(
     doubt: Array,
     positions: Array,
 ) -> Record:
-    """all_commands: (n, 4) of the whole flight. heights: (n,) or (0,) above the ground and in flight, doubt,
+    """all_commands: (n, 4 + named) of the whole flight. heights: (n,) or (0,) above the ground and in flight, doubt,
     positions: (n, 3) or (0, 3), of the same.
     """
     n = data.time_s.size
@@ -435,5 +446,5 @@ def _make_record(
         denoised.doubt, rotor_doubt, start, source, thrust if denoised.by_airspeed else np.zeros(0), heights=above,
         relative_height=climbed, hysteresis_direction=way, command_history=earlier, thrust_noise=denoised.noise,
         joined=has_positions(vehicle), surface_doubt=doubt[first:stop],
-        positions=positions[first:stop],
+        positions=positions[first:stop], named=vehicle.named_controls,
     )  # fmt: skip

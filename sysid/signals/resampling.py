@@ -7,7 +7,7 @@ all others are interpolated on their own stamps, and a held command is held, not
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 
@@ -38,9 +38,12 @@ JITTER = 0.1
 OFFSET = 0.02
 
 
-def is_held(name: str) -> bool:
-    """Whether the signal is a command that stays as sent until the next one (zero-order hold)."""
-    return name in HELD or name.startswith("servo")
+def is_held(name: str, named: Collection[str] = ()) -> bool:
+    """Whether the signal is a command that stays as sent until the next one (zero-order hold).
+
+    named: controls of other names than de, da, dr and throttle.
+    """
+    return name in HELD or name in named or name.startswith("servo")
 
 
 def resample(
@@ -48,6 +51,7 @@ def resample(
     interval_s: float = 0.02,
     names: Sequence[str] | None = None,
     moving: Mapping[str, Control | None] = MappingProxyType({}),
+    named: Collection[str] = (),
 ) -> FlightData:
     """Put the signals of a flight on one uniform time base.
 
@@ -58,7 +62,7 @@ def resample(
     signals: signals on their own stamps, s.
     interval_s: step asked for, s.
     names: signals to take; None takes all. moving: those of the commands that are measured positions, not held,
-    with the control of the vehicle file.
+    with the control of the vehicle file. named: controls of other names than de, da, dr and throttle, held as these.
     Returns columns of (N,) values, NaN in gaps longer than 0.1 s (or 2.5 intervals of a slower source). Angles are
     unwrapped, commands held, sources at least twice as fast low-pass filtered without phase, GPS left at its
     own samples with NaN between.
@@ -69,20 +73,23 @@ def resample(
     wanted = tuple(signals.signals) if names is None else tuple(names)
     signals.require(*wanted)
     warnings: list[str] = list(signals.warnings)
-    clean = {name: _clean(signals.name, name, signals.signals[name], warnings) for name in wanted}
+    clean = {name: _clean(signals.name, name, signals.signals[name], warnings, named) for name in wanted}
     imu = [name for name in IMU if name in clean] or [name for name in IMU if name in signals.signals]
     if not imu:
         raise SignalError(f"{signals.name}: no IMU signal ({' '.join(IMU)}) to take the time base from")
     base_name = _base(signals, imu)
     base = clean.get(base_name)
     if base is None:
-        base = _clean(signals.name, base_name, signals.signals[base_name], warnings)
+        base = _clean(signals.name, base_name, signals.signals[base_name], warnings, named)
     grid, interval = _grid(signals.name, base_name, base, interval_s, warnings)
     for name, control in moving.items():
         if name in clean:
             one = clean[name]
             clean[name] = replace(one, values=unrounded(one.time_s, one.values, control))
-    columns = {name: _on_grid(name, clean[name], grid, interval, name in moving) for name in wanted}
+    columns = {
+        name: _on_grid(name, clean[name], grid, interval, is_held(name, named) and name not in moving)
+        for name in wanted
+    }
     missing: dict[int, list[str]] = {}
     for name, values in columns.items():
         lost = int(np.count_nonzero(np.isnan(values)))
@@ -107,7 +114,7 @@ def _base(signals: FlightSignals, imu: Sequence[str]) -> str:
     return max(alike or list(imu), key=shared)
 
 
-def _clean(flight: str, name: str, source: Signal, warnings: list[str]) -> Signal:
+def _clean(flight: str, name: str, source: Signal, warnings: list[str], named: Collection[str]) -> Signal:
     """Finite samples with strictly increasing stamps."""
     finite = np.isfinite(source.time_s) & np.isfinite(source.values)
     absurd = finite & ((np.abs(source.values) > LARGEST) | (np.abs(source.time_s) > LARGEST))
@@ -130,7 +137,7 @@ def _clean(flight: str, name: str, source: Signal, warnings: list[str]) -> Signa
             raise SignalError(f"{flight}: the stamps of {name} ({source.source}) go backward; check its clock")
     if name in ANGLES:
         values = np.unwrap(values)
-    if not is_held(name):
+    if not is_held(name, named):
         seldom = float(np.median(np.diff(time))) > SELDOM_S
         bad = outliers(values, MOST.get(name, 0.0) if seldom else 0.0)
         if bad.any():
@@ -177,8 +184,8 @@ def _own_interval(time: Array, typical: float) -> float:
     return float(np.polyfit(index, time, 1)[0]) if time.size > 2 else typical
 
 
-def _on_grid(name: str, source: Signal, grid: Array, interval: float, moving: bool) -> Array:
-    if is_held(name) and not moving:
+def _on_grid(name: str, source: Signal, grid: Array, interval: float, held: bool) -> Array:
+    if held:
         return _hold(source, grid, interval)
     typical = float(np.median(np.diff(source.time_s)))
     if name in SPARSE and typical > 1.5 * interval:

@@ -18,7 +18,7 @@ import numpy as np
 
 from sim_vehicle.constants import SEA_LEVEL_DENSITY
 from sim_vehicle.model.model_file import Model
-from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS
+from sim_vehicle.vehicle.controls import signal_of
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.filter_error.estimation import build_filter
@@ -89,7 +89,7 @@ def linkage_errors(vehicle: Vehicle) -> list[BenchError]:
     """What the vehicle file says of how well each linkage is known: the gain of it, and its zero."""
     found: list[BenchError] = []
     for name, control in vehicle.controls.items():
-        column = (*SURFACES, "throttle").index(DEFLECTION_SIGNALS[name])
+        column = (*SURFACES, "throttle", *vehicle.named_controls).index(signal_of(name))
         if control.gain_std:
             found.append(BenchError(f"{name}_gain_std", _moved(column, control.gain_std, 0.0)))
         if control.bias_std:

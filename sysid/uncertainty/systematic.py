@@ -18,7 +18,6 @@ from functools import partial
 import numpy as np
 
 from sim_vehicle.model.model_file import Model
-from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS
 from sim_vehicle.vehicle.vehicle_file import Vehicle, stronger
 from sysid.arrays import Array
 from sysid.errors import EstimationError
@@ -30,7 +29,7 @@ from sysid.output_error.from_problem import build, fit, warmed
 from sysid.output_error.linearisation import OutputErrorLinearisation
 from sysid.problem.estimation_problem import Problem
 from sysid.problem.vehicle_errors import DENSITY, DENSITY_SHARE, doubts_of_mass, heavier
-from sysid.signals.record import SURFACES, Record, angle_wrap
+from sysid.signals.record import Record, angle_wrap
 from sysid.signals.thrust_source import THRUST_BY_SQUARE
 
 DELAY_S = 0.010  # s by which commands may be late without anybody's knowing
@@ -51,7 +50,11 @@ def _denser(record: Record) -> Record:
 
 
 def _more_travel(record: Record) -> Record:
-    return record.with_surfaces(lambda surfaces: (1.0 + 0.05 * SHARE) * surfaces)
+    more = 1.0 + 0.05 * SHARE
+    record = record.with_surfaces(lambda surfaces: more * surfaces)
+    commands = record.commands.copy()
+    commands[:, 4:] *= more
+    return replace(record, commands=commands)
 
 
 def _stronger(vehicle: Vehicle) -> Vehicle:
@@ -87,7 +90,7 @@ _LEAST_INFORMATION = 0.3
 
 def linear(vehicle: Vehicle) -> tuple[Perturbation, ...]:
     """Those that move the estimate linearly, whatever the thrust came from."""
-    controls = [one for name, one in vehicle.controls.items() if DEFLECTION_SIGNALS[name] in SURFACES]
+    controls = [one for name, one in vehicle.controls.items() if name != "throttle"]
     of_mass = [
         Perturbation(name, vehicle=partial(heavier, by=change, share=SHARE))
         for name, change in doubts_of_mass(vehicle).items()

@@ -11,6 +11,7 @@ from scipy.ndimage import uniform_filter1d
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.posterior.estimates import PosteriorEstimate
 from sysid.posterior.flight_part import inputs_of
+from sysid.posterior.group_model import servo_of
 from sysid.posterior.inputs import InputSignal, surface_means
 from sysid.posterior.nuisance_priors import GROUPS, MOVING_MASS, SURFACES_OF
 from sysid.signals.flight import FlightSignals
@@ -34,12 +35,16 @@ def with_estimated_deflections(
     for flight, own in zip(prepared, signals, strict=True):
         first, last = flight.stretches[0].record.time_s[0], flight.stretches[-1].record.time_s[-1]
         inputs, _ = inputs_of(own, vehicle, float(first) - PRE_ROLL_S - _MARGIN_S, float(last) + _MARGIN_S)
+        of_group = {group: found.servos(group, flight.data.name) for group in GROUPS}
         servos = {
             surface: values
-            for group in GROUPS
-            if (values := found.servos(group, flight.data.name)) is not None
+            for group, values in of_group.items()
+            if values is not None
             for surface in SURFACES_OF[group]
         }
+        common = next((values for values in of_group.values() if values is not None), None)
+        if common is not None:
+            servos |= {name: tuple(servo_of(vehicle, name, common)) for name in vehicle.named_controls}
         stretches = [
             replace(one, record=_thrusting(_moved(one.record, inputs, servos), found)) for one in flight.stretches
         ]
@@ -50,7 +55,7 @@ def with_estimated_deflections(
 def _moved(record: Record, inputs: dict[str, InputSignal], servos: dict[str, tuple[float, ...]]) -> Record:
     commands = record.commands.copy()
     begin = float(record.time_s[0]) - record.start * record.interval_s
-    for j, name in enumerate(SURFACES):
+    for j, name in enumerate((*SURFACES, "throttle", *record.named)):
         if name in inputs and name in servos:
             commands[:, j] = surface_means(inputs[name], begin, record.interval_s, commands.shape[0], servos[name])
     return replace(record, commands=np.ascontiguousarray(commands), joined=True)

@@ -126,8 +126,9 @@ static void rates(const double *v, const double *x, const double *s, double *rat
     double M = PROPELLER_Z * fx - PROPELLER_X * fz + v[V_THRUST_LINE] * thrust;
     double N = -PROPELLER_Y * fx + torque * across;
 
-    double reg[REGRESSORS] = {alpha, 0.0, beta, p * b / (2.0 * V), q * c / (2.0 * V), r * b / (2.0 * V),
-                              s[0], s[1], s[2], 0.0, s[3]};
+    double reg[REGRESSORS + NAMED] = {alpha, 0.0, beta, p * b / (2.0 * V), q * c / (2.0 * V), r * b / (2.0 * V),
+                                      s[0], s[1], s[2], 0.0, s[3]};
+    for (int i = 0; i < NAMED; i++) reg[REGRESSORS + i] = v[V_NAMED + i];
     double plane = sqrt(ua * ua + wa * wa), ca = plane > 0.0 ? ua / plane : 1.0, sa = plane > 0.0 ? wa / plane : 0.0;
     double CL = lift(v, reg);
     if (HAS_ALPHADOT) {

@@ -74,6 +74,12 @@ def variables(model: Exported, effects: Mapping[str, Mapping[str, float]]) -> li
         for name, value, words in zip(("de", "da", "dr", "throttle"), command, surfaces, strict=True)
     ]
     found += [
+        Variable(
+            name, "" if place else "V_NAMED", "input", 0.0, "", f"deflection of {name}, as the vehicle file has it"
+        )
+        for place, name in enumerate(vehicle.named_controls)
+    ]
+    found += [
         Variable(f"wind.{one}", f"V_WIND_{one.upper()}", "input", 0.0, "m/s", f"velocity of the air, {one}")
         for one in ("north", "east", "down")
     ]

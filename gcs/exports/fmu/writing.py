@@ -79,6 +79,7 @@ def _header(model: Exported, found: Sequence[Variable], effects: Mapping[str, Ma
     propulsion = vehicle.propulsion
     assert propulsion is not None
     terms = [parse_term(name) for name in model.model.flown()]
+    regressors = (*REGRESSORS, *vehicle.named_controls)
     first = next(place for place, one in enumerate(found) if one.causality == "parameter" and not one.symbol)
     places = "\n".join(f"#define {one.symbol} {place}" for place, one in enumerate(found) if one.symbol)
     x, y, z = propulsion.line
@@ -91,9 +92,10 @@ def _header(model: Exported, found: Sequence[Variable], effects: Mapping[str, Ma
         "REFERENCE_SPEED": vehicle.flight.airspeed, "INCLINATION": propulsion.inclination,
         "PROPELLER_X": x, "PROPELLER_Y": y, "PROPELLER_Z": z,
         "TURNING": 1.0 if propulsion.rotation == "cw" else -1.0,
+        "NAMED": len(vehicle.named_controls), **({} if vehicle.named_controls else {"V_NAMED": 0}),
     }  # fmt: skip
     defined = "\n".join(f"#define {name} ({value!r})" for name, value in numbers.items())
-    factors = [[*(REGRESSORS.index(name) for name in one.factors), -1, -1, -1, -1][:4] for one in terms]
+    factors = [[*(regressors.index(name) for name in one.factors), -1, -1, -1, -1][:4] for one in terms]
     arrays = [
         _array("int", "TERM_AXIS", [AXES.index(one.axis) for one in terms]),
         f"static const int TERM_FACTORS[][4] = {{{', '.join('{' + _list(row) + '}' for row in factors)}}};",

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim_vehicle.constants import SEA_LEVEL_DENSITY
-from sim_vehicle.model.aerodynamic_terms import Term
+from sim_vehicle.model.aerodynamic_terms import MOTION, Term
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.equation_error.coefficients import Body, body_of, coefficients, dynamic_pressure
@@ -61,6 +61,7 @@ class LiveEquations:
         self._inertia = np.array([[Ixx, 0.0, -Ixz], [0.0, Iyy, 0.0], [-Ixz, 0.0, Izz]])
         self._lengths = np.array([[self.body.b], [self.body.c], [self.body.b]])
         self._moving_mass = moving_mass
+        self._inputs = (*CONTROLS, *self.body.named_controls)
         self._place(terms)
         self._tail: dict[str, Array] | None = None
         self._tail_time: Array = np.empty(0)
@@ -143,7 +144,7 @@ class LiveEquations:
         accelerations = np.gradient(rates, dt, axis=0)
         made = coefficients(data, body, accelerations)
         biases = {axis: self._bias_columns(axis, data, weight, made) for axis in BIASES}
-        factors = {name: data[name] for name in self._regressors.factors if name in CONTROLS}
+        factors = {name: data[name] for name in self._regressors.factors if name not in MOTION}
         half = 0.5 / data["V"]
         factors |= {name: data[name] * length * half for name, length in (("p", body.b), ("q", body.c), ("r", body.b))}
         # A bias of lift would stand squared in the polar, where no column can take it off again.
@@ -199,7 +200,7 @@ class LiveEquations:
         if self._jumps is None:
             return {}
         nothing = np.zeros(half.size)
-        commands = np.array([data.columns.get(name, nothing) for name in CONTROLS])
+        commands = np.array([data.columns.get(name, nothing) for name in self._inputs])
         # The command of the interval behind a row stands in the next one.
         jumps = self._jumps @ np.diff(commands, axis=1)
         jumps *= data.interval_s / 24.0 * half[:-1] * self._lengths
@@ -214,5 +215,5 @@ class LiveEquations:
         """Take the control derivatives of the moments as they are known now: coefficient -> value."""
         if self._pressure is None:
             return
-        moments = np.array([[values.get(f"{axis}_{command}", 0.0) for command in CONTROLS] for axis in MOMENTS])
+        moments = np.array([[values.get(f"{axis}_{command}", 0.0) for command in self._inputs] for axis in MOMENTS])
         self._jumps = np.linalg.solve(self._inertia, moments * self._lengths * self.force_scale)

@@ -8,9 +8,9 @@ from itertools import chain
 import numpy as np
 
 from sim_vehicle.jit import jit
-from sim_vehicle.model.aerodynamic_terms import Term
+from sim_vehicle.model.aerodynamic_terms import MOTION, Term
 from sysid.arrays import Array, IntArray
-from sysid.equation_error.equations import CONTROLS, MOMENTS
+from sysid.equation_error.equations import MOMENTS
 from sysid.live.signals.sample_buffer import Flags
 
 # Mean over an interval by the cubic through the samples before, at both ends, and behind.
@@ -29,7 +29,7 @@ class Regressors:
         for i, term in enumerate(chosen):
             self._factors[i, : len(term.factors)] = [self.factors.index(name) for name in term.factors]
         self._over_interval = np.array([term.axis in MOMENTS for term in chosen], np.bool_)
-        self._held = np.array([name in CONTROLS for name in self.factors], np.bool_)
+        self._held = np.array([name not in MOTION for name in self.factors], np.bool_)
 
     def write(self, columns: Mapping[str, Array], weight: Array, bends: Mapping[str, Array], found: Array) -> None:
         """Write each term's column into found (T, N - 3), from factors and weight at N samples.

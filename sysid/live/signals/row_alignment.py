@@ -6,7 +6,7 @@ hardly come any more. A lost sample of the accelerometer is interpolated; a long
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,11 +44,14 @@ class Rows:
 
 
 class TimeBase:
-    """Makes rows of the `needed` signals, which must all be there, and of `others`, which may be NaN."""
+    """Makes rows of the `needed` signals, which must all be there, and of `others`, which may be NaN.
 
-    def __init__(self, needed: Sequence[str], others: Sequence[str] = ()) -> None:
-        self._others = tuple(others)
-        self._tracks = Tracks(())
+    named: controls of other names than the usual four.
+    """
+
+    def __init__(self, needed: Sequence[str], others: Sequence[str] = (), named: Collection[str] = ()) -> None:
+        self._others, self._named = tuple(others), tuple(named)
+        self._tracks = Tracks((), self._named)
         self.interval_s: float | None = None
         self._last = -np.inf
         self._unbroken = False
@@ -57,7 +60,7 @@ class TimeBase:
     def need(self, needed: Sequence[str]) -> None:
         """These signals are needed from here on; the rows begin a new run."""
         names = tuple(dict.fromkeys((*needed, *self._others, BASE)))
-        self._tracks = Tracks(names).taken_from(self._tracks)
+        self._tracks = Tracks(names, self._named).taken_from(self._tracks)
         self._needed = np.array([names.index(name) for name in needed], np.int64)
         self._commands = self._needed[self._tracks.held[self._needed]]
         self._base = names.index(BASE)

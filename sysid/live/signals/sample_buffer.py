@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,16 +21,18 @@ _SAME_S = 1e-6  # stamps that differ by less are the same
 
 
 class Tracks:
-    """Samples of S signals, `names`. newest: (S,) the last stamps, s. left_out: (S,) readings that stood alone."""
+    """Samples of S signals, `names`, of which `named` are controls of other names than the usual four. newest: (S,) the
+    last stamps, s. left_out: (S,) readings that stood alone.
+    """
 
-    def __init__(self, names: Sequence[str]) -> None:
+    def __init__(self, names: Sequence[str], named: Collection[str] = ()) -> None:
         self.names = tuple(names)
         self._place = {name: i for i, name in enumerate(self.names)}
         size = len(self.names)
         self._time_s, self._values = np.zeros((size, 1)), np.zeros((size, 1))
         self._count = np.zeros(size, np.int64)
         self._angle = np.array([name in ANGLES for name in self.names], np.bool_)
-        self.held: Flags = np.array([is_held(name) for name in self.names], np.bool_)
+        self.held: Flags = np.array([is_held(name, named) for name in self.names], np.bool_)
         # One reading of each may wait for the next one, which shows whether it stands alone: stamp, value.
         self._waiting = np.full((size, 2), np.nan)
         self._period_s, self._gap_s = np.full(size, GAP_S), np.full(size, GAP_S)

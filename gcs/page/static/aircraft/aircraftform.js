@@ -81,7 +81,24 @@ export class Form {
       h('p', {}, 'Hold the surface at a few deflections, read pulse and angle. Leave a control out where the log '
         + 'holds the autopilot’s parameters: its servo is then found there, its travel guessed to 30 %, and what it '
         + 'does is known no better.'),
-      Object.keys(CONTROLS).map(name => this.control(name)))
+      [...new Set([...Object.keys(CONTROLS), ...Object.keys(this.form.controls)])].map(name => this.control(name)),
+      this.another())
+  }
+
+  /** A control of another name, as a flap or one of two motors. */
+  another() {
+    const name = h('input', { type: 'text', placeholder: 'flap', pattern: '[A-Za-z][A-Za-z0-9_]*' })
+    const add = h('button', { type: 'button', click: () => {
+      const chosen = name.value.trim()
+      if (!name.reportValidity() || !chosen || chosen in this.form.controls) return
+      this.form.controls[chosen] = { signal: 'command', servos: [newServo(chosen)] }
+      name.value = ''
+      row.before(this.control(chosen))
+      this.changed()
+    } }, 'Add a control')
+    const row = h('div', { class: 'row' },
+      field('Another control', name, 'A flap, a spoiler, one of two motors: its name in the coefficients'), add)
+    return row
   }
 
   /** @param {string} name @returns {HTMLElement} */
@@ -99,8 +116,8 @@ export class Form {
       drawn.querySelector('input')?.focus()
       this.changed()
     }
-    const title = h('label', { class: 'choice' }, box, CONTROLS[name])
-    const place = h('div', { class: 'control', role: 'group', 'aria-label': `${CONTROLS[name]}: servos` }, title)
+    const title = h('label', { class: 'choice' }, box, CONTROLS[name] ?? name)
+    const place = h('div', { class: 'control', role: 'group', 'aria-label': `${CONTROLS[name] ?? name}: servos` }, title)
     if (!given) return place
     const signal = select([['command', 'the command sent to the servo'], ['position', 'its measured position']],
       given.signal, value => {
@@ -145,8 +162,9 @@ export class Form {
     const several = given.servos.length > 1
     return h('div', { class: 'grid' }, figure('servo', 'Servo output', 'From 1 to 48: AUX 1 is 17'),
       list('pwm_us', 'Pulses, µs'),
-      list('travel', name === 'throttle' ? 'Throttle there, %' : 'Deflection there, °',
-        name === 'throttle' ? null : 'The sign is yours: keep it the same always'),
+      list('travel', name === 'throttle' ? 'Throttle there, %' : name in CONTROLS ? 'Deflection there, °' : 'Value there',
+        name === 'throttle' ? null : name in CONTROLS ? 'The sign is yours: keep it the same always'
+          : 'In radians, or as a share of its travel: coefficients are per unit of it'),
       several && figure('mix', 'Share', 'Of its deflection in the control’s'),
       several && h('button', { type: 'button', 'aria-label': `Leave servo ${servo.servo} out`, click: () => {
         given.servos.splice(index, 1)
@@ -237,4 +255,5 @@ export class Form {
 
 /** @param {string} name @returns {Servo} */
 const newServo = name => name === 'throttle' ? { servo: 3, pwm_us: [1100, 1900], travel: [0, 100], mix: 1 }
-  : { servo: OUTPUTS[name], pwm_us: [1100, 1500, 1900], travel: [-20, 0, 20], mix: 1 }
+  : name in CONTROLS ? { servo: OUTPUTS[name], pwm_us: [1100, 1500, 1900], travel: [-20, 0, 20], mix: 1 }
+    : { servo: 5, pwm_us: [1100, 1900], travel: [0, 1], mix: 1 }

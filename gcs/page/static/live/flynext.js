@@ -37,8 +37,8 @@ export function spoken(manoeuvre) {
   const parts = new Map()
   for (const piece of manoeuvre.split(',')) {
     const [, surface, shape] = /^(\w+)-(\w+)$/.exec(piece.trim()) ?? []
-    if (!(surface in SURFACES) || !(shape in SHAPES)) return manoeuvre
-    parts.set(shape, [...(parts.get(shape) ?? []), SURFACES[surface]])
+    if (!surface || !(shape in SHAPES)) return manoeuvre
+    parts.set(shape, [...(parts.get(shape) ?? []), SURFACES[surface] ?? surface.replaceAll('_', ' ')])
   }
   return [...parts].map(([shape, surfaces]) => `${SHAPES[shape]} on the ${listed(surfaces)}`).join(', ')
 }

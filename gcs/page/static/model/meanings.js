@@ -28,6 +28,10 @@ export function meaning(name) {
   const [axis, ...rest] = (name === 'CD_k' ? 'CD_CL2' : name).split('_')
   const factors = rest.map(one => one.match(/^([A-Za-z]+?)([2-4]?)$/)).map(one =>
     one && REGRESSORS[one[1]] && REGRESSORS[one[1]] + POWERS[one[2]])
+  // A control of another name, as flap or left_motor, stands last.
+  const first = factors.findIndex(one => !one)
+  const control = rest.slice(first).join(' ')
+  if (first >= 0 && /^[A-Za-z][A-Za-z0-9 ]*$/.test(control)) factors.splice(first, rest.length, control)
   if (!AXES[axis] || !rest.length) return ''
   if (rest[0] === '0' && rest.length === 1) return `${AXES[axis]} at zero angles and rates`
   if (factors.some(one => !one)) return ''
