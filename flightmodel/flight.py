@@ -173,7 +173,8 @@ class Flight:
         Parameters
         ----------
         path : str | Path
-            A table (.csv, .txt, .tsv, .parquet, .mat) or a log (.mcap, .tlog, ArduPilot .bin, PX4 .ulg).
+            A table (.csv, .txt, .tsv, .parquet, .mat) or a log (.mcap, .tlog, ArduPilot .bin, PX4 .ulg); or a
+            folder with a CSV of each topic of PX4 or ROS.
         aircraft : Aircraft | None
             Whose servos moved which surface, for logs; tables do without.
         columns, units :

@@ -72,6 +72,16 @@ def _import_ros(source: Path, target: Path, progress: Progress, dialect: str, na
     import_ros(source, target, progress, name)
 
 
+def _import_folder(source: Path, target: Path, progress: Progress, name: str, columns: Path | None) -> None:
+    from gcs.importers.folder import import_folder
+
+    try:
+        import_folder(source, target, progress, name, columns)
+    except BaseException:
+        target.unlink(missing_ok=True)
+        raise
+
+
 def is_bag(path: Path) -> bool:
     """Whether an MCAP file is a ROS bag and no recording of ours."""
     from gcs.recording.container import Container
@@ -138,9 +148,13 @@ EXPORTS: dict[str, Callable[[Path, Path], None]] = {
 
 
 def check_file(path: Path) -> None:
-    """ImportFileError where there is no file of that name."""
+    """ImportFileError where there is no file of that name, nor a folder of CSV files."""
     if path.is_dir():
-        raise ImportFileError(f"{path} is a folder; name a file in it")
+        if not any(path.glob("*.csv")):
+            raise ImportFileError(
+                f"{path} is a folder; name a file in it, or a folder of a log's topics, a .csv of each"
+            )
+        return
     if not path.is_file():
         raise ImportFileError(f"{path}: there is no such file")
 
@@ -154,13 +168,18 @@ def import_file(
     name: str = "",
     columns: Path | None = None,
 ) -> None:
-    """Write the recording `source` as MCAP to `target`, which must not exist.
+    """Write the recording `source` as MCAP to `target`, which must not exist. A folder of CSV files is one flight.
 
     ending: of the original name (".tlog"), where `source` itself has another. dialect: of the frames in a log of raw
     frames. name: by which the file is remembered, where `source` has another. columns: file that says what columns of a
     table are. Raises ImportFileError, RecordingError,
     DialectError; no file is left behind then.
     """
+    if source.is_dir():
+        check_file(source)
+        _check_new(target)
+        _import_folder(source, target, progress, name, columns)
+        return
     ending = (source.suffix if ending is None else ending).lower()
     if ending not in IMPORTS:
         raise ImportFileError(
