@@ -66,6 +66,17 @@ def _import_table(source: Path, target: Path, progress: Progress, dialect: str, 
     import_table(source, target, progress, name)
 
 
+def _import_matlab(source: Path, target: Path, progress: Progress, dialect: str, name: str) -> None:
+    """A table, or ArduPilot's log as Mission Planner saves it."""
+    from gcs.importers.ardupilot import import_mission_planner
+    from gcs.importers.dataflash_matlab import is_mission_planner
+
+    if is_mission_planner(source):
+        import_mission_planner(source, target, progress, name)
+    else:
+        _import_table(source, target, progress, dialect, name)
+
+
 def _import_ros(source: Path, target: Path, progress: Progress, dialect: str, name: str) -> None:
     from gcs.importers.ros import import_ros
 
@@ -131,12 +142,13 @@ IMPORTS: dict[str, Callable[[Path, Path, Progress, str, str], None]] = {
     ".txt": _import_text,
     ".log": _import_dataflash,
     ".parquet": _import_table,
-    ".mat": _import_table,
+    ".mat": _import_matlab,
     ".db3": _import_ros,
     ".bag": _import_ros,
 }
 # What a file of columns says something of.
-_WITH_COLUMNS = (_import_table, _import_text, _import_ros, _copy)
+_TABLES = (_import_table, _import_text, _import_matlab)
+_WITH_COLUMNS = (*_TABLES, _import_ros, _copy)
 EXPORTS: dict[str, Callable[[Path, Path], None]] = {
     ".tlog": _export_tlog,
     ".csv": _export_csv,
@@ -193,8 +205,15 @@ def import_file(
     if columns is not None and IMPORTS[ending] not in _WITH_COLUMNS:
         raise ImportFileError(f"{name or source.name}: is no table; leave the file of columns out")
     try:
-        if columns is not None and IMPORTS[ending] in (_import_table, _import_text):
+        if columns is not None and IMPORTS[ending] in _TABLES:
+            from gcs.importers.dataflash_matlab import is_mission_planner
             from gcs.importers.table import import_table
+
+            if ending == ".mat" and is_mission_planner(source):
+                raise ImportFileError(
+                    f"{name or source.name}: is a log of ArduPilot, whose labels say what its columns are; leave the"
+                    " file of columns out"
+                )
 
             import_table(source, target, progress, name or source.name, columns)
             return
