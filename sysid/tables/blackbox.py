@@ -16,7 +16,7 @@ from sysid.tables.units import is_unit
 
 # What a row of a log is counted by, first in every header.
 _FIRST = "loopiteration"
-# Lines that Blackbox Explorer writes before the header: all settings of the aircraft.
+# Lines before the header that are looked through for it: Blackbox Explorer writes all settings of the aircraft there.
 _MOST_SETTINGS = 5_000
 _SETTING = re.compile(r'[#%\s]*(?:H )?"?(?P<name>[A-Za-z][\w .]*?)"?\s*[:,]\s*"?(?P<value>[^"]*?)"?\s*')
 # Columns of words, or of "0" where no word is set.
