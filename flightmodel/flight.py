@@ -173,7 +173,9 @@ class Flight:
         Parameters
         ----------
         path : str | Path
-            A table (.csv, .txt, .tsv, .parquet, .mat) or a log (.mcap, .tlog, ArduPilot .bin, PX4 .ulg).
+            A table (.csv, .txt, .tsv, .parquet, .mat) or a log (.mcap, .tlog, ArduPilot .bin or
+            Mission Planner's .mat of it, PX4 .ulg); or a
+            folder with a CSV of each topic of PX4 or ROS.
         aircraft : Aircraft | None
             Whose servos moved which surface, for logs; tables do without.
         columns, units :
@@ -184,8 +186,11 @@ class Flight:
         Flight
             Its signals.
         """
+        from gcs.importers.dataflash_matlab import is_mission_planner
+
         path = Path(path)
-        if path.suffix.lower() in ENDINGS:
+        is_log = path.suffix.lower() == ".mat" and is_mission_planner(path)
+        if path.suffix.lower() in ENDINGS and not is_log:
             read = read_table(path)
             table, matched = read.matched(columns, units)
             found = flight_from_table(read.name, table, matched, read.warnings)

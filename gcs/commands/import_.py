@@ -15,7 +15,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     from gcs.options.links import add_dialect_argument
     from gcs.options.outputs import NEW, add_output
 
-    parser.add_argument("file", metavar="FILE", type=Path, help="its ending names the format")
+    parser.add_argument(
+        "file",
+        metavar="FILE",
+        type=Path,
+        help="its ending names the format; or a folder of a log's topics, a .csv of each",
+    )
     add_output(parser, "-o", "--output", metavar="FILE.mcap", kind=NEW, required=True, help="must not exist yet")
     parser.add_argument(
         "--columns", metavar="MAP.toml", type=Path, help="what the columns of a table are, and their units"

@@ -66,10 +66,31 @@ def _import_table(source: Path, target: Path, progress: Progress, dialect: str, 
     import_table(source, target, progress, name)
 
 
+def _import_matlab(source: Path, target: Path, progress: Progress, dialect: str, name: str) -> None:
+    """A table, or ArduPilot's log as Mission Planner saves it."""
+    from gcs.importers.ardupilot import import_mission_planner
+    from gcs.importers.dataflash_matlab import is_mission_planner
+
+    if is_mission_planner(source):
+        import_mission_planner(source, target, progress, name)
+    else:
+        _import_table(source, target, progress, dialect, name)
+
+
 def _import_ros(source: Path, target: Path, progress: Progress, dialect: str, name: str) -> None:
     from gcs.importers.ros import import_ros
 
     import_ros(source, target, progress, name)
+
+
+def _import_folder(source: Path, target: Path, progress: Progress, name: str, columns: Path | None) -> None:
+    from gcs.importers.folder import import_folder
+
+    try:
+        import_folder(source, target, progress, name, columns)
+    except BaseException:
+        target.unlink(missing_ok=True)
+        raise
 
 
 def is_bag(path: Path) -> bool:
@@ -121,12 +142,13 @@ IMPORTS: dict[str, Callable[[Path, Path, Progress, str, str], None]] = {
     ".txt": _import_text,
     ".log": _import_dataflash,
     ".parquet": _import_table,
-    ".mat": _import_table,
+    ".mat": _import_matlab,
     ".db3": _import_ros,
     ".bag": _import_ros,
 }
 # What a file of columns says something of.
-_WITH_COLUMNS = (_import_table, _import_text, _import_ros, _copy)
+_TABLES = (_import_table, _import_text, _import_matlab)
+_WITH_COLUMNS = (*_TABLES, _import_ros, _copy)
 EXPORTS: dict[str, Callable[[Path, Path], None]] = {
     ".tlog": _export_tlog,
     ".csv": _export_csv,
@@ -138,9 +160,13 @@ EXPORTS: dict[str, Callable[[Path, Path], None]] = {
 
 
 def check_file(path: Path) -> None:
-    """ImportFileError where there is no file of that name."""
+    """ImportFileError where there is no file of that name, nor a folder of CSV files."""
     if path.is_dir():
-        raise ImportFileError(f"{path} is a folder; name a file in it")
+        if not any(path.glob("*.csv")):
+            raise ImportFileError(
+                f"{path} is a folder; name a file in it, or a folder of a log's topics, a .csv of each"
+            )
+        return
     if not path.is_file():
         raise ImportFileError(f"{path}: there is no such file")
 
@@ -154,13 +180,18 @@ def import_file(
     name: str = "",
     columns: Path | None = None,
 ) -> None:
-    """Write the recording `source` as MCAP to `target`, which must not exist.
+    """Write the recording `source` as MCAP to `target`, which must not exist. A folder of CSV files is one flight.
 
     ending: of the original name (".tlog"), where `source` itself has another. dialect: of the frames in a log of raw
     frames. name: by which the file is remembered, where `source` has another. columns: file that says what columns of a
     table are. Raises ImportFileError, RecordingError,
     DialectError; no file is left behind then.
     """
+    if source.is_dir():
+        check_file(source)
+        _check_new(target)
+        _import_folder(source, target, progress, name, columns)
+        return
     ending = (source.suffix if ending is None else ending).lower()
     if ending not in IMPORTS:
         raise ImportFileError(
@@ -174,8 +205,15 @@ def import_file(
     if columns is not None and IMPORTS[ending] not in _WITH_COLUMNS:
         raise ImportFileError(f"{name or source.name}: is no table; leave the file of columns out")
     try:
-        if columns is not None and IMPORTS[ending] in (_import_table, _import_text):
+        if columns is not None and IMPORTS[ending] in _TABLES:
+            from gcs.importers.dataflash_matlab import is_mission_planner
             from gcs.importers.table import import_table
+
+            if ending == ".mat" and is_mission_planner(source):
+                raise ImportFileError(
+                    f"{name or source.name}: is a log of ArduPilot, whose labels say what its columns are; leave the"
+                    " file of columns out"
+                )
 
             import_table(source, target, progress, name or source.name, columns)
             return

@@ -1,4 +1,4 @@
-"""ArduPilot's onboard logs (.bin) onto standard messages.
+"""ArduPilot's onboard logs (.bin, their text, Mission Planner's .mat) onto standard messages.
 
 Fields and units: ardupilot.org, "Onboard Message Log Messages".
 """
@@ -6,6 +6,7 @@ Fields and units: ardupilot.org, "Onboard Message Log Messages".
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from gcs.flights.signals import IMPORT_WARNING
 from gcs.importers import messages as make
-from gcs.importers.dataflash import DESCRIPTIONS, DataflashLog, Table, boots, read_dataflash
+from gcs.importers.dataflash import DESCRIPTIONS, DataflashLog, Table, boots, read_dataflash, read_mission_planner
 from gcs.importers.synthesis import (
     ImportedLog,
     Ints,
@@ -27,7 +28,7 @@ from gcs.importers.synthesis import (
     write_recording,
 )
 
-FORMAT, TEXT = "dataflash", "dataflash text"
+FORMAT, TEXT, MATLAB = "dataflash", "dataflash text", "dataflash matlab"
 AUTOPILOT = 3  # MAV_AUTOPILOT_ARDUPILOTMEGA
 REAL32 = 9  # MAV_PARAM_TYPE_REAL32; ArduPilot sends every parameter as a float
 FIX_3D = 3
@@ -49,6 +50,12 @@ _LEAP_SECONDS = ((1_483_228_800, 18), (1_435_708_800, 17), (1_341_100_800, 16), 
 def import_dataflash(source: Path, target: Path, progress: Progress = lambda share: None, name: str = "") -> None:
     """Write a .bin log as a recording, called `name` there. ImportFileError where there is nothing in it to use."""
     logs = [_Mapping(part).log() for part in boots(read_dataflash(source))]
+    write_recording(one_after_another(logs), source, target, progress, name)
+
+
+def import_mission_planner(source: Path, target: Path, progress: Progress = lambda share: None, name: str = "") -> None:
+    """Write a log that Mission Planner saved as .mat as a recording, as `import_dataflash` does."""
+    logs = [replace(_Mapping(part).log(), format=MATLAB) for part in boots(read_mission_planner(source))]
     write_recording(one_after_another(logs), source, target, progress, name)
 
 
@@ -393,4 +400,4 @@ def _channels(table: Table) -> list[NDArray[np.float64]]:
     return found
 
 
-__all__ = ["import_dataflash"]
+__all__ = ["import_dataflash", "import_mission_planner"]

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from pymavlink.DFReader import FORMAT_TO_STRUCT
 
 from gcs.errors import ImportFileError
+from gcs.importers.dataflash_matlab import read_matrices
 from gcs.importers.dataflash_text import is_text, read_lines
 from gcs.mavlink.crc import Int
 from sim_vehicle.jit import jit
@@ -209,11 +210,21 @@ def _of_text(data: Bytes, path: Path) -> DataflashLog:
     found, skipped = read_lines(data)
     if not found:
         raise ImportFileError(f"{path} holds no message of a dataflash log but its formats; give the whole log")
+    return DataflashLog(_in_units(found), skipped, 0, (), is_text=True)
+
+
+def read_mission_planner(path: Path) -> DataflashLog:
+    """Read a log that Mission Planner saved for MATLAB; ImportFileError if the file cannot be read."""
+    return DataflashLog(_in_units(read_matrices(path)), 0, 0, ())
+
+
+def _in_units(found: Mapping[str, tuple[NDArray[Any], Ints]]) -> dict[str, Table]:
+    """Tables of fields that are in their units already."""
     tables = {
         name: Table(name, rows, dict.fromkeys(rows.dtype.names or (), 1.0), places)
         for name, (rows, places) in found.items()
     }
-    return DataflashLog(_timed(tables), skipped, 0, (), is_text=True)
+    return _timed(tables)
 
 
 def _timed(tables: dict[str, Table]) -> dict[str, Table]:
@@ -262,4 +273,4 @@ def _numpy_type(letter: str) -> str:
 _TYPES = {letter: _numpy_type(letter) for letter in FORMAT_TO_STRUCT}
 
 
-__all__ = ["DESCRIPTIONS", "DataflashLog", "Table", "boots", "read_dataflash"]
+__all__ = ["DESCRIPTIONS", "DataflashLog", "Table", "boots", "read_dataflash", "read_mission_planner"]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -32,12 +32,15 @@ FORMAT = "ros"
 NOTE = "its columns: signals in SI units and radians from the bag's standard messages; the bag itself is attached"
 _NED = re.compile(r"(^|[_/])(ned|frd)$", re.IGNORECASE)
 _FEWEST = 10  # messages of a topic
+_NO_PULSE = 65535.0
 # Topics that hold what is wanted, what the air does, or another temperature than its own, by words in their names.
 _NOT_MEASURED = re.compile(r"wind|cmd|command|set_?point|target|desired|goal|imu.*temp|temp.*imu", re.IGNORECASE)
 
 Values = NDArray[np.float64]
 #: Signal -> (N,) values, from (N, …) fields of a topic's messages.
 Found = dict[str, Values]
+#: Topic, type, time [s] and message; None for one of a type that is not known.
+Message = tuple[str, str, float, Any]
 
 
 def import_ros(
@@ -52,50 +55,69 @@ def import_ros(
     columns: TOML that says which field of which topic is a signal: de = "/servos.position[1]". Raises ImportFileError.
     """
     called = name or source.name
+    with as_far_as_it_goes(source) as (whole, missing):
+        bag = bag_of(lambda headers: _messages(whole, called, headers), called, columns)
+    write_bag(bag, source, target, progress, called, missing)
+
+
+def bag_of(read: Callable[[Sequence[str]], Iterator[Message]], name: str, columns: Path | None) -> Bag:
+    """What messages give.
+
+    read: topic, type, time [s] and message of each, from the headers that are wanted beside those of known types.
+    columns: as for `import_ros`. Raises ImportFileError.
+    """
     try:
         wanted, units = ({}, {}) if columns is None else read_mapping(columns)
         named = {*wanted, *(header for header in wanted.values() if isinstance(header, str))}
         if strange := [key for key in units if key not in named] if isinstance(units, dict) else []:
             raise TableError(f"units: {strange[0]!r} is none of the columns that are named")
-        with as_far_as_it_goes(source) as (whole, missing):
-            bag = _Bag(whole, called, wanted, units)
+        messages = read([header for header in wanted.values() if isinstance(header, str)])
+        bag = Bag(messages, name, wanted, units)
     except TableError as error:
-        raise ImportFileError(f"{called}: {error}") from None
+        raise ImportFileError(f"{name}: {error}") from None
     if not bag.signals.keys() & set(TABLE_SIGNALS):
         raise ImportFileError(
-            f"{called}: none of its messages is one of sensor_msgs/Imu, FluidPressure, Temperature, JointState,"
-            " geometry_msgs/TwistStamped or std_msgs/Float32, Float64 of a known name; name fields with --columns"
-            f" FILE.toml; topics are {', '.join(sorted(bag.kinds))[:400] or 'none'}"
+            f"{name}: none of its messages is one of sensor_msgs/Imu, FluidPressure, Temperature, JointState,"
+            " geometry_msgs/TwistStamped, mavros_msgs/RCOut, VFR_HUD or std_msgs/Float32, Float64 of a known name; name"
+            f" fields with --columns FILE.toml; topics are {', '.join(sorted(bag.kinds))[:400] or 'none'}"
         )
+    return bag
+
+
+def write_bag(
+    bag: Bag, source: Path, target: Path, progress: Progress, name: str, missing: str = "", note: str = NOTE
+) -> None:
+    """Write what messages gave as a recording. missing: what of them could not be read."""
     start = min(one.time_s[0] for one in bag.signals.values())
     moved = {key: Signal(one.time_s - start, one.values, one.unit, one.source) for key, one in bag.signals.items()}
-    series = row_series(FlightSignals(called, moved))
+    series = row_series(FlightSignals(name, moved))
     series += [_positions(time_s - start, values) for time_s, values in bag.fixes]
-    notes = {"note": NOTE, "columns": "; ".join(f"{key}: {one.source}" for key, one in bag.signals.items()),
+    notes = {"note": note, "columns": "; ".join(f"{key}: {one.source}" for key, one in bag.signals.items()),
              "unused": ", ".join(bag.unused), **({f"{IMPORT_WARNING}bag": missing} if missing else {})}  # fmt: skip
     utc = round(1e6 * start) - FIRST_US if start > 1e9 else None
-    write_recording(ImportedLog(FORMAT, 1, series, utc, notes), source, target, progress, called)
+    write_recording(ImportedLog(FORMAT, 1, series, utc, notes), source, target, progress, name)
 
 
-class _Bag:
+class Bag:
     """What a bag gives. kinds: topic -> message type. unused: topics that gave nothing. fixes: of GPS receivers."""
 
-    def __init__(self, path: Path, name: str, wanted: Mapping[str, Wanted], units: Mapping[str, str] | str) -> None:
+    def __init__(
+        self, messages: Iterable[Message], name: str, wanted: Mapping[str, Wanted], units: Mapping[str, str] | str
+    ) -> None:
         self.signals: dict[str, Signal] = {}
         self.fixes: list[tuple[Values, NDArray[np.float64]]] = []
         self.kinds: dict[str, str] = {}
         by_topic: dict[str, tuple[list[float], list[Any]]] = {}
-        headers = [header for header in wanted.values() if isinstance(header, str)]
-        for topic, kind, at, message in _messages(path, name, headers):
+        for topic, kind, at, message in messages:
             self.kinds[topic] = kind
             if message is None:
                 continue
-            times, messages = by_topic.setdefault(topic, ([], []))
+            times, each = by_topic.setdefault(topic, ([], []))
             times.append(at)
-            messages.append(message)
-        for topic, (times, messages) in by_topic.items():
-            if len(messages) >= _FEWEST:
-                self._take(topic, np.array(times), messages)
+            each.append(message)
+        for topic, (times, each) in by_topic.items():
+            if len(each) >= _FEWEST:
+                self._take(topic, np.array(times), each)
         for signal, header in wanted.items():
             self._take_wanted(name, signal, header, units, by_topic)
         used = {one.source.split(" ")[0].split(".")[0] for one in self.signals.values()}
@@ -146,7 +168,7 @@ class _Bag:
         self.signals[signal] = Signal(np.array(times), use.unit.factor * values + use.unit.offset, unit, header)
 
 
-def _messages(path: Path, name: str, wanted: Iterable[str]) -> Iterator[tuple[str, str, float, Any]]:
+def _messages(path: Path, name: str, wanted: Iterable[str]) -> Iterator[Message]:
     """Topic, type, time [s] and message of each of a kind that is known, or of a topic that is wanted.
 
     What has no stamp of its own is put on the clock of what has: by the median of reception less stamp.
@@ -166,7 +188,7 @@ def _messages(path: Path, name: str, wanted: Iterable[str]) -> Iterator[tuple[st
             ]
             yield from ((one.topic, one.msgtype, math.nan, None) for one in reader.connections if one not in asked)
             late: list[float] = []
-            unstamped: list[tuple[str, str, float, Any]] = []
+            unstamped: list[Message] = []
             for connection, logged, raw in reader.messages(connections=asked) if asked else ():
                 try:
                     message = reader.deserialize(raw, connection.msgtype)
@@ -275,6 +297,20 @@ def _number(topic: str, messages: list[Any]) -> Found:
     return {use.signal: use.unit.factor * values + use.unit.offset for use in matched.uses}
 
 
+def _outputs(topic: str, messages: list[Any]) -> Found:
+    """MAVROS' servo outputs, us; 0 and 65535 where there is none."""
+    found = {}
+    for place in range(min(16, *(len(m.channels) for m in messages))):
+        pulses = np.array([m.channels[place] for m in messages], np.float64)
+        found[f"servo{place + 1}"] = np.where((pulses > 0.0) & (pulses < _NO_PULSE), pulses, np.nan)
+    return found
+
+
+def _hud(topic: str, messages: list[Any]) -> Found:
+    """MAVROS' airspeed, m/s as in VFR_HUD."""
+    return {"airspeed": np.array([m.airspeed for m in messages], np.float64)}
+
+
 _READERS: dict[str, Callable[[str, list[Any]], Found]] = {
     "Imu": _imu,
     "TwistStamped": _twist,
@@ -282,6 +318,9 @@ _READERS: dict[str, Callable[[str, list[Any]], Found]] = {
     "FluidPressure": _pressure,
     "Temperature": _temperature,
     "JointState": _joints,
+    "RCOut": _outputs,
+    "VFR_HUD": _hud,
+    "VfrHud": _hud,
     "Float32": _number,
     "Float64": _number,
 }

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import tarfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -243,4 +245,14 @@ def write_recording(
             writer.write(log.format, data, scan(data, dialect, final=True), (times + offset_us) * 1000)
             done += times.size
             progress(done / total)
-        writer.attach(f"{name}.zst", "application/zstd", zstandard.compress(source.read_bytes(), 3))
+        whole, ending = (_packed(source), ".tar") if source.is_dir() else (source.read_bytes(), "")
+        writer.attach(f"{name}{ending}.zst", "application/zstd", zstandard.compress(whole, 3))
+
+
+def _packed(folder: Path) -> bytes:
+    """The CSV files of a folder as one tar."""
+    packed = io.BytesIO()
+    with tarfile.open(fileobj=packed, mode="w") as tar:
+        for path in sorted(folder.glob("*.csv")):
+            tar.add(path, path.name)
+    return packed.getvalue()

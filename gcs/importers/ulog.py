@@ -37,9 +37,26 @@ _SLOWEST_SPEED = 5.0  # m/s, below which the ratio of two airspeeds is mostly no
 _EARLIEST_UTC_US = 946_684_800_000_000  # the year 2000; a receiver without a fix may say 1980
 
 
+#: Topics that are read, by name; of files whose names end in them.
+TOPICS = (
+    *("vehicle_status", "vtol_vehicle_status", "actuator_armed", "sensor_combined", "vehicle_acceleration"),
+    *("vehicle_angular_velocity", "vehicle_magnetometer", "vehicle_air_data", "differential_pressure", "airspeed"),
+    *("airspeed_validated", "vehicle_attitude", "vehicle_gps_position", "sensor_gps", "vehicle_local_position"),
+    *("distance_sensor", "rpm", "esc_status", "actuator_outputs", "input_rc"),
+)
+
+
 def import_ulog(source: Path, target: Path, progress: Progress = lambda share: None, name: str = "") -> None:
     """Write a .ulg log as a recording, called `name` there. ImportFileError where there is nothing in it to use."""
-    write_recording(_Mapping(read_ulog(source)).log(), source, target, progress, name)
+    write_recording(mapped(read_ulog(source)), source, target, progress, name)
+
+
+def mapped(log: Any) -> ImportedLog:
+    """A log's topics as standard messages.
+
+    log: as pyulog reads it: data_list (name, multi_id and data, field -> (N,) values), parameters, messages, dropouts.
+    """
+    return _Mapping(log).log()
 
 
 class _Mapping:

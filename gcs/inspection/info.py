@@ -36,10 +36,10 @@ def as_recordings(
         converted = []
         for number, path in enumerate(paths):
             check_file(path)
-            if path.suffix.lower() == ".mcap" and not is_bag(path):
+            if path.suffix.lower() == ".mcap" and path.is_file() and not is_bag(path):
                 converted.append(path)
                 continue
-            target = Path(folder) / str(number) / f"{path.stem}.mcap"
+            target = Path(folder) / str(number) / f"{path.resolve().name if path.is_dir() else path.stem}.mcap"
             target.parent.mkdir()
             import_file(path, target, dialect=dialect, columns=columns)
             converted.append(target)

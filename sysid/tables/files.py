@@ -16,6 +16,7 @@ import numpy as np
 
 from sysid.arrays import Array
 from sysid.errors import TableError
+from sysid.tables.blackbox import blackbox_columns, is_blackbox, is_of_words, settings_before
 from sysid.tables.columns import Matched, Wanted, match_columns
 from sysid.tables.quaternions import with_angles
 from sysid.tables.sidpac import fdata_columns, looks_like_fdata
@@ -47,7 +48,7 @@ class ColumnTable:
 
     columns: header -> (N,) values. units: header -> unit, where the file says them apart from the header. fdata: the
     flight data array of SIDPAC, where the file holds one. left_out: what is no column of numbers of that length.
-    warnings: what the file lacks.
+    warnings: what the file lacks. settings: what a log's header says of the aircraft.
     """
 
     name: str
@@ -56,6 +57,7 @@ class ColumnTable:
     fdata: Array | None = None
     left_out: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
+    settings: Mapping[str, str] = field(default_factory=dict)
 
     def matched(
         self, columns: Mapping[str, Wanted] | None = None, units: Mapping[str, str] | str | None = None
@@ -65,9 +67,25 @@ class ColumnTable:
             if columns or units:
                 raise TableError(f"{self.name}: is SIDPAC's array, whose columns and units are fixed; leave yours out")
             return fdata_columns(self.fdata, self.name)
+        if is_blackbox(list(self.columns)):
+            return self._of_blackbox(columns or {}, units or {})
         said = units if isinstance(units, str) else {**self.units, **(units or {})}
         every, angles = with_angles(self.columns, columns)
         return every, match_columns(list(every), {**angles, **(columns or {})}, said)
+
+    def _of_blackbox(
+        self, columns: Mapping[str, Wanted], units: Mapping[str, str] | str
+    ) -> tuple[Mapping[str, Array], Matched]:
+        """A Blackbox's columns: those of known axes and units, and what the user names; no other by its name alone."""
+        headers = list(self.columns)
+        numbered = {key: headers[one] if isinstance(one, int) and 0 <= one < len(headers) else one
+                    for key, one in columns.items()}  # fmt: skip
+        wanted, said = blackbox_columns(self.name, headers, self.settings, numbered, units)
+        named = {header for one in wanted.values() for header in ([one] if not isinstance(one, Mapping) else one)}
+        kept = [header for header in headers if header in named or header in said]
+        found = match_columns(kept, wanted, said)
+        used = {header for use in (found.time, *found.uses) for header in use.headers}
+        return self.columns, Matched(found.time, found.uses, tuple(one for one in headers if one not in used))
 
 
 def read_table(path: Path, name: str = "") -> ColumnTable:
@@ -133,6 +151,8 @@ def _text(path: Path, name: str) -> ColumnTable:
     if b"\x00" in raw[:4096]:
         raise TableError(f"{name}: is no text: give a table as CSV, Parquet or .mat")
     lines = raw.decode("utf-8-sig", errors="replace").splitlines()
+    start, settings = settings_before(lines)
+    lines = lines[start:]
     first = next((i for i, line in enumerate(lines) if line.strip() and line.lstrip()[0] not in "#%"), None)
     if first is None:
         raise TableError(f"{name}: is empty; the first row names the columns")
@@ -163,9 +183,10 @@ def _text(path: Path, name: str) -> ColumnTable:
     if not body:
         raise TableError(f"{name}: has a header and no rows")
     columns, words = _of_cells(body, delimiter, headers, name)
-    _check_words(name, words, delimiter)
+    flags = is_blackbox(headers)
+    _check_words(name, {key: one for key, one in words.items() if not (flags and is_of_words(key))}, delimiter)
     said = {header: unit for header, unit in units.items() if header in columns}
-    return ColumnTable(Path(name).stem, columns, said, None, tuple(words), tuple(warnings))
+    return ColumnTable(Path(name).stem, columns, said, None, tuple(words), tuple(warnings), settings)
 
 
 def _of_cells(

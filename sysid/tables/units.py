@@ -39,10 +39,10 @@ def _all(si: str, **factors: float) -> dict[str, Unit]:
 _UNITS: dict[str, Unit] = {
     **_all("s", s=1.0, ms=1e-3, us=1e-6, usec=1e-6, ns=1e-9, min=60.0),
     **_all("rad", rad=1.0, radian=1.0, radians=1.0, mrad=1e-3, deg=math.radians(1.0), degree=math.radians(1.0)),
-    **_all("rad", degrees=math.radians(1.0), cdeg=math.radians(0.01)),
+    **_all("rad", degrees=math.radians(1.0), ddeg=math.radians(0.1), cdeg=math.radians(0.01)),
     **{text: Unit("rad/s", 1.0) for text in ("rad/s", "rad/sec", "radian/s", "radians/s", "r/s")},
     **{text: Unit("rad/s", math.radians(1.0)) for text in ("deg/s", "deg/sec", "dps", "degree/s", "degrees/s")},
-    **_all("rad/s", **{"mrad/s": 1e-3}),
+    **_all("rad/s", **{"mrad/s": 1e-3, "ddeg/s": math.radians(0.1)}),
     **{text: Unit("rad/s^2", 1.0) for text in ("rad/s2", "rad/s/s")},
     **{text: Unit("rad/s^2", math.radians(1.0)) for text in ("deg/s2", "deg/s/s")},
     **{text: Unit("m/s^2", 1.0) for text in ("m/s2", "m/s/s", "m/sec2", "mps2")},
@@ -99,7 +99,13 @@ def tidy(text: str) -> str:
 
 def is_unit(text: str) -> bool:
     """Whether a text is a unit that is known."""
-    return tidy(text) in _UNITS
+    return _known(tidy(text)) is not None
+
+
+def _known(key: str) -> Unit | None:
+    """A tidied unit; also counts of an accelerometer by how many of them are one g: "g/2048"."""
+    counts = re.fullmatch(r"g/([1-9]\d{0,6})", key)
+    return Unit("m/s^2", STANDARD_GRAVITY / int(counts[1])) if counts else _UNITS.get(key)
 
 
 def unit_of(text: str, wanted: str, what: str) -> Unit:
@@ -125,7 +131,7 @@ def unit_of(text: str, wanted: str, what: str) -> Unit:
         Where the unit is not known, or measures something else.
     """
     key = tidy(text)
-    found = _BY_WANT.get((key, wanted)) or _UNITS.get(key)
+    found = _BY_WANT.get((key, wanted)) or _known(key)
     if found is None:
         raise TableError(f"{what}: the unit {text!r} is not known; usual ones are {', '.join(usual_units(wanted))}")
     if found.si != wanted:
