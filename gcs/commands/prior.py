@@ -33,12 +33,10 @@ def run(args: argparse.Namespace) -> int:
     from gcs.text.files import write_whole
     from gcs.text.jsontext import dumps
 
-    model, left_out, signs = prior_model(args.file, args.source, args.doubt, args.reverse)
+    model, remarks = prior_model(args.file, args.source, args.doubt, args.reverse)
     write_whole(args.output, dumps(model.to_json(), indent=2))
     print(prior_text(model))
     if not args.quiet:
-        for note in left_out:
-            print(f"left out: {note}", file=sys.stderr)
-        for note in signs:
-            print(note, file=sys.stderr)
+        for one in remarks:
+            print(one, file=sys.stderr)
     return 0

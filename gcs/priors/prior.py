@@ -20,34 +20,33 @@ SOURCES = (*_READERS, "geometry")
 _DOUBTS = (0.01, 2.0)
 
 
-def prior_model(
-    file: str, source: str, doubt: float | None, turned: Collection[str]
-) -> tuple[Model, list[str], list[str]]:
-    """The model, what was left out of it, and what its deflections mean, in words.
+def prior_model(file: str, source: str, doubt: float | None, turned: Collection[str]) -> tuple[Model, list[str]]:
+    """The model, and remarks on it: doubts about the file, what was left out, what its deflections mean.
 
     doubt: share of each value, 1 sigma, instead of the usual ones. turned: controls that the vehicle file counts the
-    other way. Raises SettingsError or PriorError in one line.
+    other way. Raises SettingsError, PriorError or VehicleFileError in one line.
     """
     if doubt is not None and not _DOUBTS[0] <= doubt <= _DOUBTS[1]:
         raise SettingsError(f"--doubt {doubt:g}: give a share from {_DOUBTS[0]:g} to {_DOUBTS[1]:g}, as 0.3 for 30 %")
-    name, given = _given(file, source)
+    name, given, remarks = _given(file, source)
     found = reversed_controls({**symmetric(), **given.of}, turned)
     ordered = sorted(found, key=_place)
     coefficients = {one: Coefficient(found[one].value, found[one].std(doubt)) for one in ordered}
     # A prior counts with its correlations alone; judgements of single derivatives have none.
     identity = tuple(tuple(float(row == column) for column in ordered) for row in ordered)
     model = Model(name, coefficients, correlation=Correlation(tuple(ordered), identity))
-    return model, list(given.left_out), sign_words(found, turned)
+    return model, [*remarks, *(f"left out: {one}" for one in given.left_out), *sign_words(found, turned)]
 
 
-def _given(file: str, source: str) -> tuple[str, Estimates]:
+def _given(file: str, source: str) -> tuple[str, Estimates, list[str]]:
+    """Name of the aircraft, what the file gives, and doubts about the file."""
     if source == "geometry":
         vehicle = load_vehicle(file)
-        return vehicle.name, handbook.estimate(vehicle)
+        return vehicle.name, handbook.estimate(vehicle), [f"warning: {one}" for one in vehicle.warnings]
     path = Path(file)
     given = _READERS[source](path.read_text(encoding="utf-8", errors="replace"), file)
     require_signs(given.of, file)
-    return path.stem, given
+    return path.stem, given, []
 
 
 def _place(name: str) -> tuple[int, str]:

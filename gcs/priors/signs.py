@@ -43,7 +43,7 @@ def reversed_controls(found: Mapping[str, Estimate], controls: Collection[str]) 
     """The estimates for a vehicle file that counts the deflections of these controls the other way."""
     turned = {SURFACES[control] for control in controls}
     return {
-        name: replace(one, value=-one.value) if turned & set(parse_term(name).factors) else one
+        name: replace(one, value=-one.value + 0.0) if turned & set(parse_term(name).factors) else one
         for name, one in found.items()
     }
 

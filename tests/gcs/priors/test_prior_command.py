@@ -189,3 +189,26 @@ def test_without_tail_and_fin_what_they_give_is_left_out(tmp_path: Path, capsys:
     said = capsys.readouterr().err
     assert "Cm_de: give tail_area and tail_arm under [geometry]" in said
     assert "give fin_area and fin_arm" in said
+
+
+def test_a_published_aircraft_lies_within_its_doubts(tmp_path: Path) -> None:
+    place = tmp_path / "prior.json"
+    assert main(["prior", "aerosonde", "--from", "geometry", "--reverse", "aileron", "-o", str(place)]) == 0
+    truth, found = read_model("aerosonde").values(), read_model(place).coefficients
+    assert len(found) == 15
+    # Its drag polar has terms by alpha where this one has CD_k.
+    off = [
+        abs((one.value or 0.0) - truth.get(name, 0.0)) / (one.std or 0.0)
+        for name, one in found.items()
+        if name != "CD_k"
+    ]
+    assert max(off) < 2.0
+    assert sum(share < 1.0 for share in off) >= 8
+
+
+def test_doubts_about_the_vehicle_file_are_shown(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = (VEHICLES / "ultrastick25e.toml").read_text(encoding="utf-8")
+    prior(tmp_path, text.replace("c = 0.25\n", "c = 0.25\ntail_area = 0.08\ntail_arm = 66\n"), "geometry")
+    assert "warning: geometry.tail_arm: 66 m on a span of 1.27 m is hardly possible" in capsys.readouterr().err
+    prior(tmp_path, text, "geometry", "--quiet")
+    assert capsys.readouterr().err == ""
