@@ -33,7 +33,7 @@ _NOTICED = 4
 #: Commands as the help lists them, by what somebody is about to do.
 GROUPS = {
     "to begin with": ("demo", "doctor"),
-    "before a flight": ("vehicle", "calibrate", "noise", "design"),
+    "before a flight": ("vehicle", "prior", "calibrate", "noise", "design"),
     "in flight": ("record", "serve", "station", "token", "replay"),
     "recordings and logs": ("import", "export", "info", "recover", "repair"),
     "after a flight": (

@@ -18,6 +18,7 @@ GcsError                       every error a user can cause; its text is one lin
 ├── ReportError                a file that is no result, of which a report cannot be made
 ├── ServiceError               a data folder or port that the service cannot have
 │   └── BusyError              what the service does for so many others already that one more has to come again
+├── PriorError                 a file of which no prior model can be made
 ├── StationError               a station asked over REST that does not answer, or refuses
 └── SettingsError              a setting, of the command line or the environment, that is missing or impossible
 """
@@ -97,6 +98,10 @@ class ReportError(GcsError):
 
 class ExportError(GcsError):
     """A model cannot be written in the form asked for."""
+
+
+class PriorError(GcsError):
+    """A file gives no prior model: it is none of the program's, or its signs are not ours."""
 
 
 class StationError(GcsError):

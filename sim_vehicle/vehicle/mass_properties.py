@@ -12,6 +12,7 @@ from sim_vehicle.vehicle.strict_toml import Table
 # Of the moments of inertia: by how much the sum of two may fall short of the third, without and with a warning.
 _SWING_TEST_ERROR, _LARGEST_SWING_ERROR = 0.02, 0.10
 MASS_KEYS = ("mass", "Ixx", "Iyy", "Izz", "Ixz")
+_TAIL_KEYS = ("tail_area", "tail_arm", "fin_area", "fin_arm")
 # Moments of inertia over mass and span squared, the geometric mean of three small aircraft that were swung (Ultra Stick
 # 25e; Aerosonde and Zagi in Beard & McLain, Small Unmanned Aircraft, app. E), and how far one of them may be off.
 _USUAL_INERTIA = {"Ixx": 0.019, "Iyy": 0.020, "Izz": 0.035}
@@ -48,11 +49,19 @@ class MassProperties:
 
 @dataclass(frozen=True)
 class Geometry:
-    """Reference area S, m^2, span b, m, and mean chord c, m."""
+    """Reference area S, m^2, span b, m, and mean chord c, m.
+
+    tail_*, fin_*: area, m^2, of the horizontal tail and of the fin, each with its movable part, and how far the quarter
+    chord lies behind the centre of gravity, m; None where they are not given.
+    """
 
     S: float
     b: float
     c: float
+    tail_area: float | None = None
+    tail_arm: float | None = None
+    fin_area: float | None = None
+    fin_arm: float | None = None
 
 
 def read_mass(table: Table, geometry: Geometry, warnings: list[str]) -> MassProperties:
@@ -98,6 +107,12 @@ def usual_inertia(mass: float, span: float) -> dict[str, tuple[float, float]]:
 
 
 def read_geometry(table: Table) -> Geometry:
-    geometry = Geometry(*(table.number(key, above=0.0) for key in ("S", "b", "c")))
+    wing = [table.number(key, above=0.0) for key in ("S", "b", "c")]
+    tail = [table.optional_number(key, above=0.0) for key in _TAIL_KEYS]
     table.close()
-    return geometry
+    for area, arm in (_TAIL_KEYS[:2], _TAIL_KEYS[2:]):
+        if (area in table) != (arm in table):
+            raise table.error(
+                *(area, f"is missing beside {arm}") if arm in table else (arm, f"is missing beside {area}")
+            )
+    return Geometry(*wing, *tail)

@@ -230,7 +230,25 @@ def doubts(vehicle: Vehicle) -> list[str]:
                 f"mass.{key}: {value:g} kg m^2 is a radius of gyration of {ratio:.3g} spans, {low:.2g} to {high:.2g}"
                 f" kg m^2 are expected: {key} in g m^2 or kg cm^2?"
             )
-    return [*lines, *_doubted_equipment(vehicle, rest_on_mass=not (of_mass or of_area))]
+    return [*lines, *_doubted_tail(geometry), *_doubted_equipment(vehicle, rest_on_mass=not (of_mass or of_area))]
+
+
+def _doubted_tail(geometry: Geometry) -> list[str]:
+    """Tail and fin against the wing: up to its area, at most two spans behind the centre of gravity."""
+    areas = {"tail_area": geometry.tail_area, "fin_area": geometry.fin_area}
+    arms = {"tail_arm": geometry.tail_arm, "fin_arm": geometry.fin_arm}
+    return [
+        *(
+            f"geometry.{key}: {area:g} m^2 beside a wing of {geometry.S:g} m^2 is hardly possible: cm or dm?"
+            for key, area in areas.items()
+            if area is not None and not 0.005 < area / geometry.S < 1.0
+        ),
+        *(
+            f"geometry.{key}: {arm:g} m on a span of {geometry.b:g} m is hardly possible: cm or mm?"
+            for key, arm in arms.items()
+            if arm is not None and not 0.05 < arm / geometry.b < 2.0
+        ),
+    ]
 
 
 def _doubted_mass(vehicle: Vehicle) -> list[str]:

@@ -20,6 +20,7 @@ from sysid.errors import SignalError, SysidError
 from sysid.identification.repaired_flight import RepairedFlight, missing_inertial
 from sysid.identification.request import Request
 from sysid.identification.result_model import with_extra
+from sysid.numerics.gaussian import Gaussian
 from sysid.numerics.statistics import without
 from sysid.posterior.analysis import estimate
 from sysid.posterior.estimates import UNINFORMED_RATIO, PosteriorEstimate
@@ -107,9 +108,11 @@ def _identified(
     )
     given = {} if before is None else before.entries()
     refused = refusals_of(found, structure, thrust_known(parts, vehicle), tuple(given))
-    model = with_extra(_model(structure, vehicle.name, found, refused, parts), "systematic", found.systematic())
+    # What the flights do not move stays as it was known.
+    joint = found.joint if before is None else before.updated(found.joint)
+    model = with_extra(_model(structure, vehicle.name, joint, refused, parts), "systematic", found.systematic())
     model = with_thrust_line(model, found)
-    words = [*_product_words(vehicle, found), *_moving_words(found), *_prior_words(found, given)]
+    words = [*_product_words(vehicle, found), *_moving_words(found), *_prior_words(joint, given)]
     every_warning = tuple(dict.fromkeys((*warnings, *found.warnings, *words)))
     return PosteriorIdentification(
         tuple(one.signals for one in read), tuple(prepared), compatible, model, tuple(refused), found, every_warning
@@ -152,9 +155,9 @@ def _moving_words(found: PosteriorEstimate) -> list[str]:
     ]
 
 
-def _prior_words(found: PosteriorEstimate, given: Mapping[str, tuple[float, float]]) -> list[str]:
+def _prior_words(joint: Gaussian, given: Mapping[str, tuple[float, float]]) -> list[str]:
     """Which coefficients are the prior model's and not the flight's. given: value and standard error of each there."""
-    now = found.joint.entries()
+    now = joint.entries()
     kept = [name for name, (_, std) in given.items() if name in now and now[name][1] > _AS_KNOWN * std]
     return [f"{', '.join(kept)}: as the prior model has them, the flight adds nothing"] if kept else []
 
@@ -211,6 +214,7 @@ def refusals_of(
     refused = [
         Refusal(name, "the surfaces that would excite it did not move", helpful_manoeuvre(name))
         for name in found.unexcited
+        if name not in given
     ]
     joint, identified = found.joint, set(found.joint.names)
     # What is not known of the inertia moves all moment coefficients of an axis together: their ratios, and the modes,
@@ -241,7 +245,7 @@ def refusals_of(
         # What no aircraft has flies nowhere, and a drag without thrust is none.
         flies = beyond is None and not (name.startswith("CD") and not thrust)
         refused.append(Refusal(name, reason, helpful_manoeuvre(name), flies))
-    lost = [name for name in structure.coefficients if name not in identified and name not in found.unexcited]
+    lost = [name for name in structure.coefficients if name not in {*identified, *found.unexcited, *given}]
     why = "; ".join(found.left_out.values()) or "the measurement that shows it is missing"
     return refused + [Refusal(name, why, helpful_manoeuvre(name)) for name in lost]
 
@@ -347,10 +351,10 @@ def thrust_known(parts: Sequence[FlightPart], vehicle: Vehicle) -> bool:
 
 
 def _model(
-    structure: Model, name: str, found: PosteriorEstimate, refused: Sequence[Refusal], parts: Sequence[FlightPart]
+    structure: Model, name: str, known: Gaussian, refused: Sequence[Refusal], parts: Sequence[FlightPart]
 ) -> Model:
-    """Model file of the estimate."""
-    joint = flying(found.joint, refused)
+    """Model file of the estimate. known: of coefficients and effect parameters, after the flights."""
+    joint = flying(known, refused)
     entries = {} if joint is None else joint.entries()
     coefficients = coefficient_entries(structure.coefficients, entries, refused)
     return Model(

@@ -39,6 +39,7 @@ PARTS = (
         "tuning",
         "catalogue",
         "vehicles",
+        "priors",
         "design",
         "jobs",
         "station",
