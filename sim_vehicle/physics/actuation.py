@@ -76,6 +76,59 @@ def count_named(F: IntArray) -> int:
 
 
 @jit
+def mix_seen(end: Array, share: float, now: Array) -> None:
+    """What sensors at a tick see: a share of the way from the surfaces before it to those that its command makes.
+
+    Parameters
+    ----------
+    end : Array, shape (4 + named,)
+        Surfaces at the end of the tick before, rad, throttle (0 to 1), and controls of other names.
+    share : float
+        0 to 1, dimensionless.
+    now : Array, shape (4 + named,)
+        Those that the command of the tick makes at once; changed in place, same units.
+    """
+    for i in range(now.size):
+        now[i] = end[i] + share * (now[i] - end[i])
+
+
+@jit
+def act_late(E: Array) -> bool:
+    """Whether something delays, lags, limits or remembers between the commands and the surfaces.
+
+    Parameters
+    ----------
+    E : Array, shape (slots,)
+        Effect vector (`sim_vehicle.effects`), SI units.
+
+    Returns
+    -------
+    bool
+        False where a command acts at once and as it is, or in proportion.
+    """
+    lags, delays = E[_LAG] != 0.0 and E[_LAG_TAU] > 0.0, E[_DELAY] != 0.0 and E[_DELAY_S] > 0.0
+    remembers = (E[_PLAY] != 0.0 and E[_PLAY_WIDTH] > 0.0) or (E[_BAND] != 0.0 and E[_BAND_WIDTH] > 0.0)
+    return bool(lags or delays or E[_RATE] != 0.0 or remembers)
+
+
+@jit
+def take_seen(seen: Array, E: Array, now: Array) -> None:
+    """Surfaces that a sensor sees at a tick where these are known by themselves, beside what the motion feels.
+
+    Parameters
+    ----------
+    seen : Array, shape (4 + named,) or longer
+        de, da, dr [rad], throttle (0 to 1) and controls of other names at the tick.
+    E : Array, shape (slots,)
+        Effect vector (`sim_vehicle.effects`), SI units.
+    now : Array, shape (4 + named,)
+        Result, written over, same units.
+    """
+    for i in range(now.size):
+        now[i] = deflection(i, seen[i], E) if i < 3 else seen[i]
+
+
+@jit
 def take_named(command: Array, surfaces: Array) -> None:
     """Put the commands of controls of other names where they act: at once, as they are; 0 where there is none.
 
@@ -252,9 +305,7 @@ def surfaces_after_command(commands: Array, tick: int, dt: float, E: Array, end:
         place.
     """
     take_named(commands[tick], end)
-    lags, delays = E[_LAG] != 0.0 and E[_LAG_TAU] > 0.0, E[_DELAY] != 0.0 and E[_DELAY_S] > 0.0
-    remembers = (E[_PLAY] != 0.0 and E[_PLAY_WIDTH] > 0.0) or (E[_BAND] != 0.0 and E[_BAND_WIDTH] > 0.0)
-    if lags or delays or E[_RATE] != 0.0 or remembers:
+    if act_late(E):
         return
     for channel in range(3):
         end[channel] = deflection(channel, commanded(commands, tick, channel, 0.0), E)

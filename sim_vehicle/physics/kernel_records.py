@@ -9,6 +9,9 @@ Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 
+NOT_SEEN: Array = np.zeros((0, 4))
+
+
 class ModelArrays(NamedTuple):
     """Vehicle and model, of n aerodynamic terms.
 
@@ -66,6 +69,9 @@ class DrivingInputs(NamedTuple):
         1 where a sensor at a sample already sees the command of that sample (as many simulations do), 0 where it sees
         that of the sample before (as a vehicle does that reads, then commands); between them where commands are means
         over the intervals, so that at a sample the mean of both acts.
+    seen : Array, shape (N, 4 + named) or (0, 4)
+        Surfaces that sensors see at the samples [rad], throttle (0 to 1) and controls of other names, where that is
+        known by itself; it then counts instead of `command_first`.
     """
 
     commands: Array
@@ -76,6 +82,7 @@ class DrivingInputs(NamedTuple):
     dt: float
     sub_steps: int
     command_first: float
+    seen: Array = NOT_SEEN
 
 
 class TickState(NamedTuple):

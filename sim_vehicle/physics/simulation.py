@@ -10,12 +10,15 @@ from sim_vehicle.effects.sensor_time_skew import delay_channels, split_delay
 from sim_vehicle.effects.thrust_sensor_hysteresis import load_behind
 from sim_vehicle.jit import jit, jit_arrays
 from sim_vehicle.physics.actuation import (
+    act_late,
     advance_actuators,
     count_named,
     in_lines,
+    mix_seen,
     start_actuators,
     surfaces_after_command,
     surfaces_at_rest,
+    take_seen,
 )
 from sim_vehicle.physics.dynamics import derivatives, runge_kutta_along, runge_kutta_step
 from sim_vehicle.physics.ideal_sensors import read_sensors
@@ -300,7 +303,7 @@ def simulate(x0: Array, first: int, start: int, stop: int, inputs: DrivingInputs
     y : Array, shape (stop - start, 19)
         Result, written over: readings in the order of CHANNELS, SI units and rad. A diverging motion leaves NaN rows.
     """
-    commands, thrust, rho, held, gusts, dt, sub_steps, command_first = inputs
+    commands, thrust, rho, held, gusts, dt, sub_steps, command_first, seen = inputs
     P, E, C, F, K, T = model
     x = x0.copy()
     actuators, sensor = np.zeros(ACTUATOR_SIZE), np.zeros(SENSOR_SIZE)
@@ -315,6 +318,7 @@ def simulate(x0: Array, first: int, start: int, stop: int, inputs: DrivingInputs
     late = whole + part
     shown, past_sensor = np.full((stop - start if late > 0.0 else 0, y.shape[1]), np.nan), np.zeros(SENSOR_SIZE)
     heights = commands.shape[1] > HEIGHT_COLUMN and np.isfinite(commands[start, HEIGHT_COLUMN])
+    known = seen.shape[0] > 0 and not act_late(E)
     start_actuators(commands[first], actuators)
     step = dt / sub_steps
     W[_TIME] = E[START_TIME]
@@ -331,10 +335,11 @@ def simulate(x0: Array, first: int, start: int, stop: int, inputs: DrivingInputs
         if heights:
             x[2] = -commands[k, HEIGHT_COLUMN]
         now[:] = end
-        if command_first > 0.0:
+        if known:
+            take_seen(seen[k], E, now)
+        elif command_first > 0.0:
             surfaces_after_command(commands, k, dt, E, now)
-            for i in range(now.size):
-                now[i] = end[i] + command_first * (now[i] - end[i])
+            mix_seen(end, command_first, now)
         W[_TIME] = E[START_TIME] + (k - start) * dt
         gust = gusts[k] if gusts.shape[0] > 0 else still
         derivatives(x, now, thrust[k], still, gust, rho[k], P, E, C, F, K, T, W, rate)
@@ -389,10 +394,12 @@ def simulate_variants(
     y : Array, shape (n, stop - start, 19)
         Result, written over: readings in the order of CHANNELS, SI units and rad. A diverging motion leaves NaN rows.
     """
-    commands, thrust, rho, held, gusts, dt, sub_steps, command_first = inputs
+    commands, thrust, rho, held, gusts, dt, sub_steps, command_first, seen = inputs
     P, E, C, F, K, T = models
     for i in range(x0.shape[0]):
-        shifted = DrivingInputs(commands, thrust + thrust_shift[i], rho, held, gusts, dt, sub_steps, command_first)
+        shifted = DrivingInputs(
+            commands, thrust + thrust_shift[i], rho, held, gusts, dt, sub_steps, command_first, seen
+        )
         simulate(x0[i], first, start, stop, shifted, ModelArrays(P, E[i], C[i], F, K, T), y[i])
 
 
@@ -445,8 +452,7 @@ def evaluate_path(
             now[:] = end
             if command_first > 0.0:
                 surfaces_after_command(commands, k, dt, E, now)
-                for i in range(now.size):
-                    now[i] = end[i] + command_first * (now[i] - end[i])
+                mix_seen(end, command_first, now)
             if commands.shape[1] > HEIGHT_COLUMN and np.isfinite(commands[k, HEIGHT_COLUMN]):
                 x[2] = -commands[k, HEIGHT_COLUMN]
             W[_TIME] = E[START_TIME] + row * dt

@@ -16,11 +16,14 @@ from sim_vehicle.effects.wind_shear import shear_slopes
 from sim_vehicle.jit import jit_fused, jit_fused_arrays
 from sim_vehicle.model.aerodynamic_terms import REGRESSORS
 from sim_vehicle.physics.actuation import (
+    act_late,
     advance_actuators,
     count_named,
+    mix_seen,
     start_actuators,
     surfaces_after_command,
     surfaces_at_rest,
+    take_seen,
 )
 from sim_vehicle.physics.dynamics import derivatives
 from sim_vehicle.physics.kernel_records import DrivingInputs, ModelArrays
@@ -83,12 +86,14 @@ class InputUnknowns(NamedTuple):
 
     Attributes
     ----------
-    commands : Array, shape (L, N, 4) or (L, N, 6)
+    commands : Array, shape (L, N, 4), (L, N, 6), (L, N, 9) or (L, N, 9 + named)
         Commands, units as of `DrivingInputs`.
     thrust : Array, shape (L, N)
         Thrust as the sensor reads it, N.
     held : Array, shape (L, N, 9) or (L, 0, 9)
         Imposed states, units as of `DrivingInputs`.
+    seen : Array, shape (L, N, 4 + named) or (L, 0, 4)
+        Surfaces that sensors see, units as of `DrivingInputs`.
     steps : Array, shape (L,)
         Steps, each in its unknown's unit.
     """
@@ -96,6 +101,7 @@ class InputUnknowns(NamedTuple):
     commands: Array
     thrust: Array
     held: Array
+    seen: Array
     steps: Array
 
 
@@ -318,10 +324,11 @@ def simulate_tangents(
     ----------
     Griewank & Walther, Evaluating Derivatives, chapter 3.
     """
-    commands, thrust, rho, held, gusts, dt, sub_steps, command_first = inputs
+    commands, thrust, rho, held, gusts, dt, sub_steps, command_first, seen = inputs
     P, E, C, F, K, T = model
     terms, columns, places, states, rows, gain = unknowns
-    other_commands, other_thrust, other_held, steps = others
+    other_commands, other_thrust, other_held, other_seen, steps = others
+    known = seen.shape[0] > 0 and not act_late(E)
     x = x0.copy()
     n = columns.size
     blocks = (n + WIDTH - 1) // WIDTH
@@ -372,16 +379,18 @@ def simulate_tangents(
                     changes[lane, row] = (other_held[lane, k, row] - held[k, row]) / steps[lane]
             _impose_tangents(x, held[k], changes, driven, X)
         now[:] = end
-        if command_first > 0.0:
+        if known:
+            take_seen(seen[k], E, now)
+        elif command_first > 0.0:
             surfaces_after_command(commands, k, dt, E, now)
-            for i in range(now.size):
-                now[i] = end[i] + command_first * (now[i] - end[i])
+            mix_seen(end, command_first, now)
         for lane in range(L):
             there[:] = ends[lane]
-            if command_first > 0.0:
+            if known:
+                take_seen(other_seen[lane, k], E, there)
+            elif command_first > 0.0:
                 surfaces_after_command(other_commands[lane], k, dt, E, there)
-                for i in range(there.size):
-                    there[i] = ends[lane, i] + command_first * (there[i] - ends[lane, i])
+                mix_seen(ends[lane], command_first, there)
             for i in range(moved.shape[1]):
                 place = i if i < 3 else i + 1  # the throttle moves nothing but the thrust
                 moved[lane, i] = (there[place] - now[place]) / steps[lane]

@@ -19,6 +19,7 @@ from sim_vehicle.physics.actuation import (
     advance_actuators,
     count_named,
     in_lines,
+    mix_seen,
     start_actuators,
     surfaces_after_command,
     surfaces_at_rest,
@@ -58,8 +59,7 @@ def run_actuators(
             seen[k - start] = end
             if command_first > 0.0:
                 surfaces_after_command(commands, k, dt, E, seen[k - start])
-                for c in range(count):
-                    seen[k - start, c] = end[c] + command_first * (seen[k - start, c] - end[c])
+                mix_seen(end, command_first, seen[k - start])
         for i in range(sub_steps):
             before[:] = end
             advance_actuators(commands, k, i * step, step, dt, P, E, actuators, mean, end)

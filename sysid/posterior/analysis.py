@@ -28,7 +28,7 @@ from sysid.posterior.estimates import (
     warnings_of,
 )
 from sysid.posterior.estimator import MAX_PASSES, Posterior
-from sysid.posterior.flight_part import FlightPart, outputs_of, with_flow, with_vane
+from sysid.posterior.flight_part import FlightPart, held_between, outputs_of, with_flow, with_vane
 from sysid.posterior.group_model import SERVO, GroupModel
 from sysid.posterior.likelihood import Prior
 from sysid.posterior.nuisance_priors import (
@@ -105,6 +105,36 @@ class _GroupSearch:
             if self.posterior.profile_cost(start) < self.posterior.profile_cost(self.theta) - by:
                 return replace(self, theta=self.posterior.search(start, MAX_PASSES))
         return self
+
+    def likelier_inputs(self) -> _GroupSearch:
+        """The same, or with commands that stay from stamp to stamp in place of a curve through them, if that is
+        likelier: a smooth command of a loop that sends each until the next is logged as one that is computed anew.
+        """
+        interval_s = max(part.command_interval_s for part in self.model.parts)
+        parts = [held_between(part) for part in self.model.parts]
+        same = all(one is other for one, other in zip(parts, self.model.parts, strict=True))
+        # Behind a servo whose lag is longer than an interval nothing of the steps is left.
+        if same or self.values().get(_LAG, 0.0) > interval_s:
+            return self
+        model = self.model.of(parts)
+        posterior = self.posterior.of(model.rough())
+        # From where the curve led, half a sample earlier; and from a servo that follows at once.
+        starts = [self._with_servo(lambda s: max(s - 0.5 * interval_s, 0.0), 1.0), self._with_servo(lambda _: 0.0, 0.0)]
+        with suppress(EstimationError):
+            theta = posterior.search(min(starts, key=posterior.profile_cost), _FIRST_PASSES)
+            if posterior.profile_cost(theta) < self.posterior.profile_cost(self.theta):
+                return replace(self, posterior=posterior, model=model, theta=posterior.search(theta, MAX_PASSES))
+        return self
+
+    def _with_servo(self, delay: Callable[[float], float], lag: float) -> Array:
+        """Where the search stands, its servos with other delays, s, and so many times their lag."""
+        theta = self.theta.copy()
+        for place, name in enumerate(self.model.names):
+            if name.partition(" of ")[0] == _DELAY:
+                theta[place] = delay(theta[place])
+            elif name == _LAG:
+                theta[place] *= lag
+        return theta
 
     def feedback(self) -> float:
         """Largest share of a command that follows what is left, as in PosteriorResult."""
@@ -227,7 +257,8 @@ def estimate(
             begin = partial(
                 _start_search, seen, vehicle, structure, names, free, group, outputs, known, stated, doubts,
             )  # fmt: skip
-            ended = _likelier_flow(begin, near.get(group, {}), FLOW_OF[group]).ended(fine)
+            search = _likelier_flow(begin, near.get(group, {}), FLOW_OF[group]).likelier_inputs()
+            ended = search.ended(fine)
             if why := _answered_alone(group, ended, moved):
                 left_out[group] = why
             else:

@@ -14,7 +14,7 @@ from sim_vehicle.vehicle.sensors import Sensors
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.errors import SignalError
-from sysid.posterior.inputs import InputSignal, in_steps, input_signal, surface_signal
+from sysid.posterior.inputs import LOOP_INTERVAL_S, InputSignal, in_steps, input_signal, surface_signal
 from sysid.posterior.observations import Channel, CommonGrid, bursts, common_grid
 from sysid.posterior.residual_spectrum import HIGHEST_HZ, NYQUIST_SHARE
 from sysid.posterior.smoothing import Airspeed, airspeed_alone, airspeed_through, expected, smoothed
@@ -86,10 +86,26 @@ class FlightPart:
             self, grid=self.grid[::2], motion=motion, airspeed=speed, thrust=self.thrust[::2], rho=self.rho[::2]
         )
 
+    @property
+    def command_interval_s(self) -> float:
+        """Usual interval of the surfaces' commands, s; 0 without any."""
+        stamps = [self.inputs[name].time_s for name in SURFACES if name in self.inputs]
+        return max((float(np.median(np.diff(one))) for one in stamps if one.size > 1), default=0.0)
+
     def travel(self, surface: str) -> float:
         """Standard deviation of a surface's command through what counts of the part, rad."""
         counted = self.common.points[self.common.taper > 0.5]
         return float(np.std(self.inputs[surface].at(counted))) if surface in self.inputs and counted.size else 0.0
+
+
+def held_between(part: FlightPart) -> FlightPart:
+    """The part with the commands of its surfaces staying from stamp to stamp where they are a curve now; itself where
+    none is, or where a log of them is slower than the loop that sends them.
+    """
+    curves = [name for name in (*SURFACES, *part.named) if name in part.inputs and part.inputs[name].kind == "splined"]
+    if part.position or not curves or part.command_interval_s > LOOP_INTERVAL_S:
+        return part
+    return replace(part, inputs={**part.inputs, **{name: replace(part.inputs[name], kind="held") for name in curves}})
 
 
 def finite(signals: FlightSignals, name: str, begin: float, end: float) -> tuple[Array, Array]:
@@ -125,8 +141,9 @@ def inputs_of(
     }
     for name in (name for name in commands if name in named):
         one, control = commands[name], vehicle.controls[name]
+        position_too = control.signal == "position"
         inputs[name] = surface_signal(
-            *one, control, position=control.signal == "position", stepping=in_steps([one[1]]), held=name in held
+            *one, control, position=position_too, stepping=in_steps([one[1]]), held=name in held
         )
     return inputs, position
 

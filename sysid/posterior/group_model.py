@@ -27,7 +27,7 @@ from sim_vehicle.vehicle.packed_model import PackedModel, flatten
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.posterior.flight_part import FlightPart, VaneReading, vane_reading
-from sysid.posterior.inputs import surface_means, swing
+from sysid.posterior.inputs import InputSignal, surface_motion, swing
 from sysid.posterior.nuisance_priors import FLOW_OF, MOVING_MASS, PRODUCT_INERTIA, SURFACES_OF, THRUST_ARM, Unknowns
 from sysid.posterior.observations import joined_at, read_at
 from sysid.problem.free_parameters import coefficient, effect_parameter
@@ -351,29 +351,34 @@ class GroupModel:
                 self._records[key] = self._moved(one, values, self._commands(one, values))
             return self._records[key]
         if by_servo:
-            return replace(before, commands=self._commands(one, values))
-        return self._moved(one, values, before.commands)
+            commands, seen = self._commands(one, values)
+            return replace(before, commands=commands, seen=seen)
+        return self._moved(one, values, (before.commands, before.seen))
 
-    def _moved(self, one: _Prepared, values: Mapping[str, float], commands: Array) -> Record:
+    def _moved(self, one: _Prepared, values: Mapping[str, float], surfaces: tuple[Array, Array]) -> Record:
         imposed = self._imposed(one.part, values, one.vane)
         imposed[:, self.free_states] = np.nan
         thrust = one.record.thrust * (1.0 - values.get("thrust_error", 0.0))
-        return replace(one.record, commands=commands, imposed_states=imposed, thrust=thrust)
+        commands, seen = surfaces
+        return replace(one.record, commands=commands, seen=seen, imposed_states=imposed, thrust=thrust)
 
-    def _commands(self, one: _Prepared, values: Mapping[str, float]) -> Array:
-        """(N, 4 + named) means of what the surfaces did over each step, the throttle, and controls of other names."""
+    def _commands(self, one: _Prepared, values: Mapping[str, float]) -> tuple[Array, Array]:
+        """(N, 4 + named) means of what the surfaces did over each step, the throttle, and controls of other names; and
+        what sensors see of them at its begin.
+        """
         part, named = one.part, self.vehicle.named_controls
         n, step = part.grid.size, one.record.interval_s
         commands = np.zeros((n, 4 + len(named)))
+        seen = commands.copy()
         for j, name in enumerate((*SURFACES, "", *named)):
             if name in part.inputs and name in self._surfaces:
-                servos = servo_of(self.vehicle, name, [values[key] for key in OF_SURFACES])
-                moved = surface_means(part.inputs[name], part.grid[0], step, n, servos)
+                servos = servo_of(self.vehicle, name, [values[key] for key in OF_SURFACES], part.inputs)
+                moved = surface_motion(part.inputs[name], part.grid[0], step, n, servos)
                 gain, bias = self._given.gains.get(name, 1.0), self._given.biases.get(name, 0.0)
-                commands[:, j] = gain * moved + bias
+                commands[:, j], seen[:, j] = gain * moved.means + bias, gain * moved.seen + bias
         if "throttle" in part.inputs:
-            commands[:, 3] = part.inputs["throttle"].at(part.grid)
-        return commands
+            commands[:, 3] = seen[:, 3] = part.inputs["throttle"].at(part.grid)
+        return commands, seen
 
     def _ideal(
         self,
@@ -391,11 +396,7 @@ class GroupModel:
     def _predictor(
         self, one: _Prepared, values: Mapping[str, float], theta: Array, record: Record
     ) -> tuple[Predictor, PackedModel]:
-        predictor = Predictor(
-            self._shaped(values), self.parameters, [record], sub_steps=1, tangent_steps=1,
-            # What is read at the stamp of a step felt what was before it.
-            command_first=0.0 if _stepping(one.part, self.unknowns) else 0.5,
-        )  # fmt: skip
+        predictor = Predictor(self._shaped(values), self.parameters, [record], sub_steps=1, tangent_steps=1)
         return predictor, predictor.apply(theta[: len(self.parameters)])[0]
 
     def _read(self, one: _Prepared, values: Mapping[str, float], y: Array) -> Array:
@@ -432,7 +433,9 @@ class GroupModel:
         return result
 
 
-def servo_of(vehicle: Vehicle, name: str, common: Sequence[float]) -> Sequence[float]:
+def servo_of(
+    vehicle: Vehicle, name: str, common: Sequence[float], inputs: Mapping[str, InputSignal]
+) -> Sequence[float]:
     """Delay [s], lag [s], backlash [rad] and share of the rounding of the servo of one control: of one of another name
     as the vehicle file states it; the servos of all surfaces in `common` where it says nothing.
     """
@@ -443,7 +446,10 @@ def servo_of(vehicle: Vehicle, name: str, common: Sequence[float]) -> Sequence[f
         return (0.0, 0.0, 0.0, 0.0)
     stated = (control.delay.value, control.lag.value, control.backlash.value)
     if all(value is None for value in stated):
-        return common
+        # Surfaces whose commands are held and yet smooth are taken as a curve, whose delay is half a sample longer.
+        curved = any(inputs[one].kind == "splined" for one in SURFACES if one in inputs)
+        half = 0.5 * float(np.median(np.diff(inputs[name].time_s))) if curved and inputs[name].kind == "held" else 0.0
+        return (common[0] - half, *common[1:])
     return (*(value or 0.0 for value in stated), common[3])
 
 

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline, PchipInterpolator
@@ -26,7 +27,7 @@ SERVO_DAMPING = 0.8  # of a servo of second order
 # Shorter lags than this make no difference to anything a log can show, s.
 _SHORTEST_LAG_S = 5e-4
 # Longest interval at which a control loop sends its commands, s (50 Hz; a fifth for jitter).
-_LOOP_INTERVAL_S = 0.024
+LOOP_INTERVAL_S = 0.024
 # Share of its travel that a command makes in steps, each between samples at rest, from which on it is one that steps.
 _STEPPING = 0.5
 # A change counts as rounding up to so many of the smallest, where that is smaller than this share of its range.
@@ -131,7 +132,7 @@ def input_signal(time_s: Array, values: Array, stepping: bool, held: bool = Fals
     stepping: whether its loop's commands stay until they step. held: whether each is known to stay until the next,
     where the log has every one.
     """
-    slow = values.size > 1 and float(np.median(np.diff(time_s))) > _LOOP_INTERVAL_S
+    slow = values.size > 1 and float(np.median(np.diff(time_s))) > LOOP_INTERVAL_S
     if not stepping:
         return InputSignal(time_s, values, "held" if held and not slow else "splined")
     # A slow log sees the steps of a faster loop somewhere between its own stamps.
@@ -184,8 +185,26 @@ def servo(
     return _play(behind, backlash) if backlash > 0.0 else behind
 
 
-def surface_means(commanded: InputSignal, begin: float, step: float, count: int, servos: Sequence[float]) -> Array:
-    """Mean of what a surface did from each point of an even grid to the next.
+class SurfaceMotion(NamedTuple):
+    """What a surface did along an even grid of N points.
+
+    Attributes
+    ----------
+    means : Array, shape (N,)
+        Its mean from each point to the next, rad: what the motion feels.
+    seen : Array, shape (N,)
+        Where it had come until each point, rad: what a sensor that reads there feels. A command that steps at the
+        point itself has done nothing by then.
+    """
+
+    means: Array
+    seen: Array
+
+
+def surface_motion(
+    commanded: InputSignal, begin: float, step: float, count: int, servos: Sequence[float]
+) -> SurfaceMotion:
+    """What a surface did along an even grid.
 
     Parameters
     ----------
@@ -202,13 +221,18 @@ def surface_means(commanded: InputSignal, begin: float, step: float, count: int,
 
     Returns
     -------
-    Array, shape (count,)
-        Deflections, rad.
+    SurfaceMotion
+        At `count` points, rad.
     """
     # The servo has settled where the grid begins.
     lead = round(_SERVO_LEAD_S / step)
     half: Array = begin - lead * step + 0.5 * step * (np.arange(2 * (count + lead) + 2, dtype=np.float64) - 0.5)
-    return interval_means(servo(commanded, half, *servos), commanded.kind == "held")[lead:]
+    values = servo(commanded, half, *servos)
+    held = commanded.kind == "held"
+    before, last, next_, after = values[1:-4:2], values[2:-3:2], values[3:-2:2], values[4:-1:2]
+    # At a point between two halves: of what steps by what came before it alone, else on a cubic.
+    seen = last + 0.5 * (last - before) if held else (9.0 * (last + next_) - before - after) / 16.0
+    return SurfaceMotion(interval_means(values, held)[lead:], seen[lead - 1 : lead - 1 + count])
 
 
 def interval_means(values: Array, averaged: bool) -> Array:

@@ -226,7 +226,7 @@ class Predictor:
     ) -> None:  # fmt: skip
         inputs = DrivingInputs(
             commands, thrust_without_airspeed(record), record.rho, record.imposed_states, gusts, record.interval_s,
-            self.sub_steps, float(self.command_first),
+            self.sub_steps, float(self.command_first), record.seen,
         )  # fmt: skip
         models = flat.arrays._replace(E=E, C=C)
         simulate_variants(x0, 0, record.start, record.start + record.length, inputs, models, shift, y)
@@ -311,7 +311,7 @@ class Predictor:
             steps = (self.sub_steps + 1) // 2
         shift = self.thrust_shift(record, errors)
         others = [
-            Driven(_timed(flat, one)[1], thrust_without_airspeed(one) + shift, one.imposed_states, step)
+            Driven(_timed(flat, one)[1], thrust_without_airspeed(one) + shift, one.imposed_states, step, one.seen)
             for one, step in driven
         ]
         lanes += [Lane(i) for i in range(out.shape[2] - len(driven), out.shape[2])]
@@ -319,7 +319,7 @@ class Predictor:
         flat.E[:], commands = _timed(flat, record)
         inputs = Inputs(
             record.start, record.start + record.length, commands, thrust_without_airspeed(record) + shift, record.rho,
-            record.interval_s, steps, self.command_first, record.imposed_states,
+            record.interval_s, steps, self.command_first, record.imposed_states, record.seen,
         )  # fmt: skip
         gains = _columns(error_gains(errors)[None], outputs)[0].tolist()
         tangents(flat, inputs, _state_vector(states), self.free_states[index], lanes, outputs, gains, others, out)

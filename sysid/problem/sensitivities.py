@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from sim_vehicle.effects import SENSOR_LAGS, slot
 from sim_vehicle.effects.sensor_time_skew import delay_rows, is_late
-from sim_vehicle.physics.kernel_records import DrivingInputs
+from sim_vehicle.physics.kernel_records import NOT_SEEN, DrivingInputs
 from sim_vehicle.physics.simulation import split_delay_ticks
 from sim_vehicle.sensitivities.dynamics_jacobian import STATE_COLUMNS, THRUST_COLUMN
 from sim_vehicle.sensitivities.sensor_jacobian import READINGS
@@ -46,6 +46,7 @@ class Inputs:
     sub_steps: int
     command_first: float
     held: Array
+    seen: Array = field(default_factory=lambda: NOT_SEEN)
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,7 @@ class Driven:
     thrust: Array
     held: Array
     step: float
+    seen: Array = field(default_factory=lambda: NOT_SEEN)
 
 
 def has_tangents(flat: PackedModel, interval_s: float) -> bool:
@@ -97,7 +99,7 @@ def tangents(
     rows = np.array([READINGS.index(name) for name in outputs], dtype=np.int64)
     drive = DrivingInputs(
         inputs.commands, inputs.thrust, inputs.rho, inputs.held, _STILL_AIR, inputs.interval_s, inputs.sub_steps,
-        float(inputs.command_first),
+        float(inputs.command_first), inputs.seen,
     )  # fmt: skip
     initial = np.array(states, dtype=np.int64)
     unknowns = Unknowns(terms, columns, places, initial, rows, np.array(gains, dtype=np.float64))
@@ -105,6 +107,7 @@ def tangents(
         _stacked([one.commands for one in driven], inputs.commands),
         _stacked([one.thrust for one in driven], inputs.thrust),
         _stacked([one.held for one in driven], inputs.held),
+        _stacked([one.seen for one in driven], inputs.seen),
         np.array([one.step for one in driven], dtype=np.float64),
     )
     simulate_tangents(x0, 0, inputs.start, inputs.stop, drive, flat.arrays, unknowns, others, out)

@@ -9,6 +9,7 @@ import numpy as np
 
 from sim_vehicle.constants import SEA_LEVEL_DENSITY
 from sim_vehicle.effects import START_TIME, THRUST_AIRSPEED, THRUST_BEND, THRUST_SLOPE, slot
+from sim_vehicle.physics.kernel_records import NOT_SEEN
 from sim_vehicle.physics.layout import CHANNELS
 from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS, Control, control_of
 from sim_vehicle.vehicle.packed_model import PackedModel
@@ -93,6 +94,7 @@ class Record:
     joined: whether the log holds positions of the surfaces: `commands` are then means from each sample to the next,
     and positions: (M, 3) rad, where they were at the samples; (0, 3) where that is not known.
     surface_doubt: (M, 3) rad, one standard deviation of what is not known of those means; (0, 3) without positions.
+    seen: (M, 4 + named) what sensors see of the surfaces at the samples, where that is known by itself; else (0, 4).
     """
 
     flight: str
@@ -121,6 +123,7 @@ class Record:
     positions: Array = field(default_factory=lambda: np.zeros((0, 3)))
     surface_doubt: Array = field(default_factory=lambda: np.zeros((0, 3)))
     named: tuple[str, ...] = ()
+    seen: Array = field(default_factory=lambda: NOT_SEEN)
 
     @property
     def length(self) -> int:
@@ -140,7 +143,7 @@ class Record:
             thrust_read=self.thrust_read[kept], airspeed=self.airspeed[kept], heights=self.heights[kept],
             relative_height=self.relative_height[kept], hysteresis_direction=self.hysteresis_direction[kept],
             command_history=before, surface_doubt=self.surface_doubt[kept],
-            positions=self.positions[kept],
+            positions=self.positions[kept], seen=self.seen[kept],
         )  # fmt: skip
 
     def with_surfaces(self, change: Callable[[Array], Array]) -> Record:

@@ -12,7 +12,7 @@ from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.posterior.estimates import PosteriorEstimate
 from sysid.posterior.flight_part import inputs_of
 from sysid.posterior.group_model import servo_of
-from sysid.posterior.inputs import InputSignal, surface_means
+from sysid.posterior.inputs import InputSignal, surface_motion
 from sysid.posterior.nuisance_priors import GROUPS, MOVING_MASS, SURFACES_OF
 from sysid.signals.flight import FlightSignals
 from sysid.signals.preparation import Prepared
@@ -44,7 +44,11 @@ def with_estimated_deflections(
         }
         common = next((values for values in of_group.values() if values is not None), None)
         if common is not None:
-            servos |= {name: tuple(servo_of(vehicle, name, common)) for name in vehicle.named_controls}
+            servos |= {
+                name: tuple(servo_of(vehicle, name, common, inputs))
+                for name in vehicle.named_controls
+                if name in inputs
+            }
         stretches = [
             replace(one, record=_thrusting(_moved(one.record, inputs, servos), found)) for one in flight.stretches
         ]
@@ -57,7 +61,8 @@ def _moved(record: Record, inputs: dict[str, InputSignal], servos: dict[str, tup
     begin = float(record.time_s[0]) - record.start * record.interval_s
     for j, name in enumerate((*SURFACES, "throttle", *record.named)):
         if name in inputs and name in servos:
-            commands[:, j] = surface_means(inputs[name], begin, record.interval_s, commands.shape[0], servos[name])
+            motion = surface_motion(inputs[name], begin, record.interval_s, commands.shape[0], servos[name])
+            commands[:, j] = motion.means
     return replace(record, commands=np.ascontiguousarray(commands), joined=True)
 
 

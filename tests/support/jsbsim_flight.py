@@ -7,7 +7,7 @@ names of coefficients are used: trim, motion, forces, commands and sensor errors
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -22,6 +22,7 @@ from jsbsim_twin import (
     function,
     linear_coefficients,
     load_twin,
+    named_property,
     product,
     regressor,
     set_inputs,
@@ -225,10 +226,12 @@ def fly(
     seconds: float = SECONDS,
     density: float | None = None,
     resolution: float = 0.0,
+    named: Callable[[Array, np.random.Generator], Mapping[str, Array]] = lambda times, generator: {},
 ) -> Flown:
     """Trim and fly one flight in JSBSim; the multisines' phases and sizes come from the seed.
 
     density: kg/m^3, None for JSBSim's standard atmosphere. resolution: step of the commands, rad, 0 for none.
+    named: what controls of their own names do, 0 where the flight is trimmed, at the times (N,) given.
     """
     write_twin(folder, aircraft.vehicle, aircraft.model, aircraft.functions, aircraft.lags)
     generator = np.random.default_rng([seed, 1])
@@ -241,6 +244,7 @@ def fly(
         "da": multisine(times, 0.05 * size[1], 1, generator),
         "dr": multisine(times, 0.06 * size[2], 2, generator),
         "throttle": thrust / FULL_THRUST * (1.0 + 0.35 * size[3] * slow),
+        **named(times, generator),
     }
     twin = load_twin(folder, _start(alpha), STEP, density)
     set_inputs(twin, np.array([de, 0.0, 0.0]), thrust)
@@ -265,6 +269,8 @@ def fly(
             pull -= gap * (1.0 - left)
             mean = FULL_THRUST * command["throttle"] + gap * (1.0 - left) * MOTOR_LAG / block
             set_inputs(twin, np.array([command[name] for name in ("de", "da", "dr")]), mean)
+            for control in aircraft.vehicle.named_controls:
+                twin.set_property_value(named_property(control), command[control])
             for step in range(STEPS):
                 twin.run()
                 if part == BLOCKS - 1 and step == STEPS - 2:
@@ -350,7 +356,7 @@ def measure(flown: Flown, seed: int, name: str) -> tuple[FlightSignals, dict[str
         every = 10 if key in ("vn", "ve", "vd") else 1
         signals[key] = Signal(flown.time_s[::every], read[::every], "SI", "JSBSim")
     signals["air_density"] = Signal(flown.time_s, flown.true["air_density"], "kg/m^3", "JSBSim")
-    for key in ("de", "da", "dr", "throttle"):
+    for key in (name for name in flown.commands if name != "thrust"):
         signals[key] = Signal(flown.time_s, flown.commands[key], "rad", "JSBSim")
     return FlightSignals(name, signals), hidden
 

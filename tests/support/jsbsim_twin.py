@@ -72,10 +72,17 @@ def property_of(name: str) -> str:
     return f"<property>{name}</property>"
 
 
+def named_property(control: str) -> str:
+    """Where the deflection of a control of its own name stands."""
+    return f"fcs/own/{control}"
+
+
 def regressor(name: str, vehicle: Vehicle) -> str:
     """JSBSim expression of alpha, beta, a surface, CL, or a nondimensional rate."""
     if name in _PROPERTIES:
         return property_of(_PROPERTIES[name])
+    if name in vehicle.controls:
+        return property_of(named_property(name))
     length = {"p": vehicle.geometry.b, "q": vehicle.geometry.c, "r": vehicle.geometry.b}[name] / FT
     return (
         f"<quotient><product>{property_of(f'velocities/{name}-rad_sec')}{value_of(0.5 * length)}</product>"
@@ -200,7 +207,7 @@ def write_twin(
     )
     aircraft = (
         f'<fdm_config name="{NAME}" version="2.0" release="BETA">{metrics}{_mass_balance(vehicle)}<ground_reactions/>'
-        f"{thrust}<propulsion/>{_flight_control(lags)}"
+        f"{thrust}<propulsion/>{_flight_control(lags, vehicle.named_controls)}"
         f"{_aerodynamics(vehicle, coefficients or linear_coefficients(vehicle, model))}</fdm_config>"
     )
     (folder / "aircraft" / NAME).mkdir(parents=True, exist_ok=True)
@@ -208,9 +215,12 @@ def write_twin(
     (folder / "aircraft" / NAME / f"{NAME}.xml").write_text(aircraft, encoding="utf-8")
 
 
-def _flight_control(lags: Iterable[Lag]) -> str:
-    """Components that run once a step, before the aerodynamics."""
-    declared = "".join(f'<property value="0.0">{lag.name}</property>' for lag in lags)
+def _flight_control(lags: Iterable[Lag], named: Iterable[str]) -> str:
+    """Components that run once a step, before the aerodynamics. named: controls of their own names."""
+    declared = "".join(
+        f'<property value="0.0">{one}</property>'
+        for one in (*(lag.name for lag in lags), *(named_property(name) for name in named))
+    )
     moved = "".join(
         f'<fcs_function name="{lag.name}-next"><function><sum>{property_of(lag.name)}<product>{value_of(lag.share)}'
         f"<difference>{lag.follows}{property_of(lag.name)}</difference></product></sum></function>"
