@@ -14,6 +14,7 @@ from sim_vehicle.flight.failures import Failure, parse_failure
 from sim_vehicle.manoeuvres.plan import Plan, plan_of, read_plan
 from sim_vehicle.mavlink.outputs import check_link
 from sim_vehicle.model.model_file import BUILT_IN, Model, read_model
+from sim_vehicle.vehicle.packed_model import require_controls
 from sim_vehicle.vehicle.vehicle_file import Vehicle, load_vehicle
 
 # Smallest and largest value of what a flight can be made with. A coefficient outside is a slip of the pen.
@@ -127,6 +128,7 @@ def model_of(given: argparse.Namespace, vehicle: Vehicle, settings: Settings) ->
     try:
         for name, value in settings.coefficients.items():
             model = model.with_coefficient(name, value)
+        require_controls(vehicle, model)
         for text in given.effect:
             effect, values = parse_effect(text)
             model = model.with_effect(effect, values)

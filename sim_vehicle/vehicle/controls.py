@@ -180,7 +180,7 @@ def read_controls(table: Table, warnings: list[str]) -> dict[str, Control]:
     names = [*(name for name in CONTROL_NAMES if name in table), *(name for name in table if name not in CONTROL_NAMES)]
     for name in names:
         _check_name(table, name)
-    if len(names) > len(CONTROL_NAMES) + MOST_CONTROLS:
+    if sum(name not in CONTROL_NAMES for name in names) > MOST_CONTROLS:
         raise table.error(names[-1], f"is one too many: {MOST_CONTROLS} controls of own names are flown")
     controls = {name: _read_control(table.table(name), name, warnings) for name in names}
     table.close()

@@ -95,6 +95,17 @@ def _kind(term: Term) -> int:
     return {"CD_0": ZERO_LIFT_DRAG, POLAR: INDUCED_DRAG}.get(term.name, PLAIN)
 
 
+def require_controls(vehicle: Vehicle, model: Model) -> None:
+    """Raise ModelFileError where a coefficient is of a control that the vehicle does not have."""
+    for name in model.coefficients:
+        control = parse_term(name).control
+        if control and control not in vehicle.named_controls:
+            raise ModelFileError(
+                f"model {model.name}: {name} is of {control}, which is neither a regressor nor a control of"
+                f" {vehicle.name}: name it under [controls.{control}] of the vehicle file, or correct the coefficient"
+            )
+
+
 def flatten(vehicle: Vehicle, model: Model) -> PackedModel:
     """Vehicle and model for the compiled code. Raises ModelFileError where a coefficient has no value."""
     unknown = model.unknown()
@@ -110,16 +121,12 @@ def flatten(vehicle: Vehicle, model: Model) -> PackedModel:
                 f"model {model.name}: {key} of effect {effect.name} could not be identified from the flight; "
                 f"give one, as --effect {effect.name}:{key}=VALUE"
             )
+    require_controls(vehicle, model)
     values = model.flown()
     terms = sorted((parse_term(name) for name in values), key=lambda term: AXES.index(term.axis))
     F = np.full((len(terms), MAX_FACTORS), -1, dtype=np.int64)
     named = vehicle.named_controls
     for i, term in enumerate(terms):
-        if term.control and term.control not in named:
-            raise ModelFileError(
-                f"model {model.name}: {term.name} needs the control {term.control}: name it under"
-                f" [controls.{term.control}] of the vehicle file"
-            )
         for j, factor in enumerate(term.factors):
             F[i, j] = REGRESSORS.index(factor) if factor in REGRESSORS else WORK_SIZE + named.index(factor)
     C = np.array([values[term.name] for term in terms], dtype=np.float64)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -23,6 +24,12 @@ EFFECTS = (
     "thrust_scale:scale=0.1", "thrust_speed_loss:dT_dV=-0.3", "mass_error:scale=0.08", "inertia_error:scale=0.1",
     "cg_shift:x=0.01", "elastic_tail:k=0.2", "propwash_elevator:k=0.3", "actuator_lag:tau=0.05", "motor_lag:tau=0.3",
 )  # fmt: skip
+
+
+# Controls of their own names: what each does at a time, s.
+Named = Mapping[str, Callable[[float], float]]
+NOTHING: Named = {}
+FLAP: Named = {"flap": lambda time_s: 0.15 if 8.0 <= time_s < 13.0 else 0.0}
 
 
 def craft(name: str) -> tuple[Vehicle, Model]:
@@ -51,15 +58,16 @@ def commands(trim: Array, times: Array) -> Array:
     return trim + np.column_stack([multisine(times, *one) for one in sizes])
 
 
-def flown_here(vehicle: Vehicle, model: Model) -> tuple[Array, PlantState, Array]:
+def flown_here(vehicle: Vehicle, model: Model, named: Named = NOTHING) -> tuple[Array, PlantState, Array]:
     """(N, 10) STATES in our simulation, the state it began with, and the trimmed commands."""
     plant = Plant(vehicle, model)
     trim = plant.trim(vehicle.flight.airspeed, HEIGHT)
     state, begun = trim.state.copy(), trim.state.copy()
     held = commands(trim.command, (np.arange(round(SECONDS / STEP)) + 0.5) * STEP)
     rows = [plant.outputs(state)]
-    for command in held:
-        plant.step(state, command, STEP)
+    for i, command in enumerate(held):
+        own = [named[name]((i + 0.5) * STEP) if name in named else 0.0 for name in vehicle.named_controls]
+        plant.step(state, np.append(command, own), STEP)
         rows.append(plant.outputs(state))
     places = [OUTPUTS.index(name if name != "altitude" else "down") for name in STATES]
     flown = np.array(rows)[:, places]

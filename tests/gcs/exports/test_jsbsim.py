@@ -3,13 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
 import jsbsim
 import numpy as np
 import pytest
-from export_flights import EFFECTS, HEIGHT, SECONDS, SHARE, STEP, Array, commands, craft, flown_here, shares
+from export_flights import (
+    EFFECTS,
+    FLAP,
+    HEIGHT,
+    NOTHING,
+    SECONDS,
+    SHARE,
+    STEP,
+    Array,
+    Named,
+    commands,
+    craft,
+    flown_here,
+    shares,
+)
 
 from gcs.errors import ExportError
 from gcs.exports import jsbsim as exporter
@@ -17,6 +32,7 @@ from gcs.exports.exported import Exported
 from sim_vehicle.effects import parse_effect
 from sim_vehicle.flight.state import PlantState
 from sim_vehicle.model.model_file import Model
+from sim_vehicle.vehicle.controls import Control
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 
 pytestmark = pytest.mark.whole_flight
@@ -25,7 +41,9 @@ FT = 0.3048
 SLUG = 0.45359237 * 9.80665 / FT
 
 
-def flown_there(folder: Path, vehicle: Vehicle, begun: PlantState, trim: Array, late: float = 0.0) -> Array:
+def flown_there(
+    folder: Path, vehicle: Vehicle, begun: PlantState, trim: Array, late: float = 0.0, named: Named = NOTHING
+) -> Array:
     """(N, 10) STATES of the exported aircraft in JSBSim.
 
     late: of the commands, in steps: a lag answers what is held over a step, as our simulation holds its middle.
@@ -54,8 +72,10 @@ def flown_there(folder: Path, vehicle: Vehicle, begun: PlantState, trim: Array, 
     give(twin, vehicle, inputs[0])
     assert twin.run_ic()
     rows = []
-    for row in inputs:
+    for i, row in enumerate(inputs):
         give(twin, vehicle, row)
+        for name, at in named.items():
+            twin.set_property_value(f"fcs/gcs/{name}-cmd-norm", at((i - late + 0.5) * STEP) / 0.5)
         if rows:
             twin.run()
         rows.append(read(twin))
@@ -91,6 +111,19 @@ def test_jsbsim_flies_what_the_simulator_flies(name: str, tmp_path: Path) -> Non
     assert max(off.values()) < SHARE, off
     listed = ElementTree.parse(tmp_path / "out" / "aircraft" / name / f"{name}-set.xml").getroot()
     assert (listed.findtext("sim/flight-model"), listed.findtext("sim/aero")) == ("jsb", name)
+
+
+def test_a_flap_goes_along(tmp_path: Path) -> None:
+    """One that goes down alone, set in the middle of the flight."""
+    vehicle, model = craft("iitb-mav")
+    flap = Control("flap", "command", (6,), (1.0,), ((1000.0, 2000.0),), ((0.0, 0.5),))
+    vehicle = replace(vehicle, controls={**vehicle.controls, "flap": flap})
+    for name, value in {"CL_flap": 0.8, "CD_flap": 0.06, "Cm_flap": -0.08, "Cl_flap": 0.001}.items():
+        model = model.with_coefficient(name, value)
+    here, begun, trim = flown_here(vehicle, model, FLAP)
+    exporter.write(Exported(model, vehicle), tmp_path / "out")
+    assert max(shares(here, flown_there(tmp_path / "out", vehicle, begun, trim, named=FLAP)).values()) < SHARE
+    assert max(shares(here, flown_there(tmp_path / "out", vehicle, begun, trim)).values()) > 10.0 * SHARE
 
 
 @pytest.mark.parametrize("effect", EFFECTS)

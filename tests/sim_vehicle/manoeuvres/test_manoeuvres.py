@@ -172,7 +172,7 @@ def segments(**entry: object) -> dict[str, object]:
         (segments(duration="long"), "duration must be a finite number"),
         (segments(duration=-1.0), "duration is -1; it must be above 0"),
         (segments(start=-1.0), "start"),
-        (segments(axes=["flap"]), "axes must be a list of"),
+        (segments(axes=["de"]), "axes must be a list of"),
         (segments(low=2.0, high=1.0), "must be above low"),
         (segments(harmonics={"elevator": [1, 2], "aileron": [2], "rudder": [4]}), "harmonic 2 serves two axes"),
         (segments(harmonics={"elevator": [1.5], "aileron": [2], "rudder": [4]}), "whole numbers"),

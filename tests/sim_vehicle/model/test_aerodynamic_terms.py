@@ -69,6 +69,9 @@ def test_words_of_the_grammar_in_any_arrangement_are_taken_or_refused_by_name(wo
         ("Cm_alphadot", "Cm", ("alphadot",)),
         ("CL_throttle", "CL", ("throttle",)),
         ("Cn_beta_p_r", "Cn", ("beta", "p", "r")),
+        ("CL_flap", "CL", ("flap",)),
+        ("Cn_left_motor", "Cn", ("left_motor",)),
+        ("Cm_alpha2_flap2", "Cm", ("alpha", "alpha", "flap2")),
     ],
 )
 def test_names_of_the_textbook(name: str, axis: str, factors: tuple[str, ...]) -> None:
@@ -94,6 +97,9 @@ def test_names_of_the_textbook(name: str, axis: str, factors: tuple[str, ...]) -
         ("CL_de_alpha", "CL_alpha_de"),
         ("CL_alpha_alpha", "CL_alpha2"),
         ("CD_CL2", "CD_k"),
+        ("CL_alpah", "'alpah'"),
+        ("CL_flap_2nd!", "'flap'"),
+        ("CL_de_rudder", "'rudder'"),
     ],
 )
 def test_a_wrong_name_says_what_would_be_right(name: str, told: str) -> None:

@@ -144,7 +144,7 @@ def test_a_level_that_no_flight_has_is_read_as_meant_or_refused_and_a_doubtful_s
     beta = dead["beta"]
     dead["beta"] = Signal(beta.time_s, np.zeros_like(beta.values), beta.unit, beta.source)
     found = identify([FlightSignals("dead-beta", dead)], flight.vehicle, method="map")
-    assert found.model.coefficients["Cm_de"].value is not None
+    assert found.model.coefficients["CL_alpha"].value is not None
 
 
 def test_every_prior_has_its_null_inside_its_bounds_and_a_source() -> None:

@@ -151,5 +151,5 @@ def test_a_surface_stirs_that_moves_much_or_by_more_than_its_log_resolves(
     travel: float, resolution: float, stirs: bool
 ) -> None:
     signal = InputSignal(TIMES, np.zeros(TIMES.size), "eased", resolution)
-    part = SimpleNamespace(inputs={"da": signal}, travel=lambda name: travel)
+    part = SimpleNamespace(inputs={"da": signal}, named=(), travel=lambda name: travel)
     assert stirred_in([cast("FlightPart", part)]) == (frozenset({"da"}) if stirs else frozenset())

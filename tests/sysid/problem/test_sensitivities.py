@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 from sim_vehicle.effects import EFFECTS, THRUST_AIRSPEED, THRUST_BEND, THRUST_SLOPE
 from sim_vehicle.model.model_file import Model
 from sim_vehicle.physics.kernel_records import DrivingInputs
-from sim_vehicle.physics.layout import CHANNELS, Par
+from sim_vehicle.physics.layout import CHANNELS, MORE_COLUMN, Par
 from sim_vehicle.physics.rotation import quaternion
 from sim_vehicle.physics.simulation import simulate
 from sim_vehicle.sensitivities.sensor_jacobian import READINGS
+from sim_vehicle.vehicle.controls import Control
 from sim_vehicle.vehicle.packed_model import PackedModel, flatten
 from sim_vehicle.vehicle.propulsion import Polynomial, Propulsion
 from sysid.problem.free_parameters import coefficient, effect_parameter, sensor_error
@@ -66,7 +67,7 @@ def flown(model: PackedModel, given: Inputs, states: Array, coefficients: Array,
     y = np.empty((given.stop - given.start, len(CHANNELS)))
     inputs = DrivingInputs(
         given.commands, given.thrust + more_thrust, given.rho, given.held, np.zeros((0, 3)), given.interval_s,
-        given.sub_steps, given.command_first,
+        given.sub_steps, given.command_first, given.seen,
     )  # fmt: skip
     simulate(x0, 0, given.start, given.stop, inputs, model.arrays._replace(C=coefficients), y)
     return y[:, COLUMNS]
@@ -86,7 +87,11 @@ def driven_by(given: Inputs, h: float) -> Inputs:
     commands[:, :3] += h * surfaces
     thrust = given.thrust + h * np.cos(0.2 * np.arange(N))
     held = given.held + h * generator.normal(0.0, 1.0, given.held.shape)
-    return replace(given, commands=commands, thrust=thrust, held=held)
+    if commands.shape[1] > MORE_COLUMN:
+        commands[:, MORE_COLUMN:] += h * np.sin(0.3 * np.arange(N))[:, None]
+    seen = given.seen.copy()
+    seen[:, [*range(3), *range(4, seen.shape[1])]] += h  # the throttle's thrust is not differentiated by
+    return replace(given, commands=commands, thrust=thrust, held=held, seen=seen)
 
 
 def assert_tangents(model: PackedModel, given: Inputs, relative: float = 1e-6) -> None:
@@ -97,7 +102,7 @@ def assert_tangents(model: PackedModel, given: Inputs, relative: float = 1e-6) -
     lanes += [Lane(count + 1 + i) for i in range(len(free) + 1)]
     step = 1e-8
     other = driven_by(given, step)
-    driven = [Driven(other.commands, other.thrust, other.held, step)]
+    driven = [Driven(other.commands, other.thrust, other.held, step, other.seen)]
     x0 = np.zeros(14)
     x0[3:6], x0[10:13], x0[13] = STATES[:3], STATES[3:6], np.nan
     x0[6:10] = quaternion(*STATES[6:9])
@@ -124,6 +129,23 @@ def assert_tangents(model: PackedModel, given: Inputs, relative: float = 1e-6) -
 @pytest.mark.parametrize("command_first", [False, True])
 def test_a_model_of_many_terms(command_first: bool) -> None:
     assert_tangents(flat({}, RICH), inputs(command_first=command_first))
+
+
+@pytest.mark.parametrize("apart", [False, True])
+def test_with_controls_of_their_own_names(apart: bool) -> None:
+    """apart: what sensors see of the surfaces is given by itself."""
+    servoless = Control("", "command", (), (), (), ())
+    vehicle = hf.vehicle(tau=0.1)
+    vehicle = replace(vehicle, controls={**vehicle.controls, "flap": servoless, "left_motor": servoless})
+    own = {"CL_flap": 0.8, "CD_flap": 0.05, "Cm_alpha_flap": -0.3, "Cn_left_motor": 0.01, "CY_beta_left_motor": 0.1}
+    model: Model = hf.model_with({})
+    for name, value in {**RICH, **own}.items():
+        model = model.with_coefficient(name, value)
+    given = inputs()
+    waves = 0.2 * np.sin(np.outer(np.arange(N), (0.2, 0.5)))
+    wide = np.column_stack((given.commands[:, :4], np.full((N, 5), np.nan), waves))
+    seen = np.column_stack((given.commands[:, :4], waves)) + 0.01 if apart else given.seen
+    assert_tangents(flatten(vehicle, model), replace(given, commands=wide, seen=seen))
 
 
 @pytest.mark.parametrize("name", EFFECT_NAMES)
