@@ -105,7 +105,9 @@ class _Flight:
         self._trim = plant.trim()
         self._reference = dict(zip(CHANNELS, plant.read(self._trim.state).tolist(), strict=True))
         self._autopilot = Autopilot(plant, self._trim, self._reference, self._servos.limits[:4], dt)
-        self._neutral = np.zeros(4 + len(plant.vehicle.named_controls))
+        named = plant.vehicle.named_controls
+        self._neutral = np.zeros(4 + len(named))
+        self._is_motor = np.array([name in plant.vehicle.motors for name in named], dtype=np.bool_)
         self._schedule = schedule
         longest = self._schedule.ticks + round(3.0 * _LONGEST_LEG_S / dt)
         speed = float(plant.outputs(self._trim.state)[0])
@@ -155,7 +157,9 @@ class _Flight:
         targets = Targets(self._reference["airspeed"] + speed_change, altitude, 0.0)
         wanted = self._autopilot.command(reading.values, targets, freed, added[:4])
         if added.size > 4:
-            wanted = np.append(wanted, np.clip(added[4:], *self._servos.limits[4:].T))
+            # The throttle is that of each motor.
+            own = added[4:] + np.where(self._is_motor, wanted[3], 0.0)
+            wanted = np.append(wanted, np.clip(own, *self._servos.limits[4:].T))
         pulses = self._servos.pulses(wanted)
         command = self._servos.command(pulses, wanted)
         reported = self._failures.reported(

@@ -31,6 +31,8 @@ from sim_vehicle.physics.layout import (
 from sim_vehicle.physics.propeller import rotor_speed
 from sim_vehicle.physics.rotation import euler_angles, quaternion
 from sim_vehicle.physics.simulation import HEIGHT_COLUMN, read_within_tick, tick
+from sim_vehicle.vehicle.controls import MOTOR_MOMENTS
+from sim_vehicle.vehicle.motors import MotorLoads, motor_loads
 from sim_vehicle.vehicle.packed_model import flatten
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 
@@ -72,7 +74,8 @@ class Plant:
         self._scratch = np.zeros((6, STATE_SIZE))
         self._rate = np.zeros(STATE_SIZE)
         self._mean = np.zeros(4 + count_named(self.flat.F))
-        self._named = len(vehicle.named_controls)
+        self._named = len(vehicle.named_inputs)
+        self._motors = [vehicle.named_controls.index(name) for name in vehicle.motors]
 
     def effect(self, name: str) -> dict[str, float] | None:
         """Parameters of an effect of the model, None where it has none of that name."""
@@ -118,12 +121,28 @@ class Plant:
         row[MORE_COLUMN : MORE_COLUMN + command.size - 4] = command[4:]
         return row
 
+    def _run_motors(self, state: PlantState, row: Array, dt: float, rho: float) -> tuple[MotorLoads, MotorLoads]:
+        """What several motors do over a step in the mean, and at its end; their throttles go on.
+
+        row: the command, 0 to 1 behind its surfaces.
+        """
+        asked = np.clip(row[MORE_COLUMN + np.array(self._motors)], 0.0, 1.0)
+        before = state.motors if state.motors.size else np.full(asked.size, row[3])
+        taus = np.array([max(one.tau, 1e-9) for one in self.vehicle.motors.values()])
+        left = np.exp(-dt / taus)
+        state.motors = asked + (before - asked) * left
+        mean = asked + (before - asked) * taus / dt * (1.0 - left)
+        V, air = np.full(2, state.work[Aux.V]), np.full(2, rho)
+        throttle = {name: np.array([mean[i], state.motors[i]]) for i, name in enumerate(self.vehicle.motors)}
+        loads = motor_loads(self.vehicle, throttle, V, air)
+        return MotorLoads(loads.thrust[:1], loads.moments[0]), MotorLoads(loads.thrust[1:], loads.moments[1])
+
     def rates(self, state: PlantState, wind_ned: Array, gust_body: Array) -> Array:
         """Rate of the state vector (14,) as it is now; by-products are left in `state.work`."""
         flat = self.flat
         rho = self.density(float(-state.x[2]))
-        derivatives(state.x, state.surfaces, math.nan, wind_ned, gust_body, rho, flat.P, flat.E, flat.C, flat.F, flat.K,
-                    flat.T, state.work, self._rate)  # fmt: skip
+        derivatives(state.x, state.surfaces, state.thrust, wind_ned, gust_body, rho, flat.P, flat.E, flat.C, flat.F,
+                    flat.K, flat.T, state.work, self._rate)  # fmt: skip
         return self._rate.copy()
 
     def evaluate(self, state: PlantState, wind_ned: Array, gust_body: Array, interval: float) -> None:
@@ -185,13 +204,20 @@ class Plant:
         state.commands[-1] = self._row(command)
         sub_steps = max(1, math.ceil(dt / self.max_step - 1e-9))
         rho = self.density(float(-state.x[2]))
+        thrust = math.nan
+        if self._motors:
+            over, after = self._run_motors(state, state.commands[-1], dt, rho)
+            thrust, state.thrust = float(over.thrust[0]), float(after.thrust[0])
+            state.commands[-1, -len(MOTOR_MOMENTS) :] = over.moments
         at_end = gust_body if gust_at_end is None else gust_at_end
         if self._late:
-            over = TickInputs(state.commands, HISTORY - 1, wind_ned, gust_body, rho, math.nan, _FREE, dt, sub_steps)
-            self._glimpse(state, over, at_end)
-        tick(state.x, state.actuators, state.commands, HISTORY - 1, dt, sub_steps, wind_ned, gust_body, rho, math.nan,
+            inputs = TickInputs(state.commands, HISTORY - 1, wind_ned, gust_body, rho, thrust, _FREE, dt, sub_steps)
+            self._glimpse(state, inputs, at_end)
+        tick(state.x, state.actuators, state.commands, HISTORY - 1, dt, sub_steps, wind_ned, gust_body, rho, thrust,
              _FREE, flat.P, flat.E, flat.C, flat.F, flat.K, flat.T, state.work, self._scratch, self._mean,
              state.surfaces[: self._mean.size])  # fmt: skip
+        if self._motors:
+            state.surfaces[-len(MOTOR_MOMENTS) :] = after.moments
         self.evaluate(state, wind_ned, at_end, dt)
 
     def read(self, state: PlantState) -> Array:

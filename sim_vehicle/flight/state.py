@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -20,7 +22,8 @@ class PlantState:
     with controls of other names, (64, 9 + named) last commands, the newest last. surfaces: (4 + named,) de, da, dr
     [rad], throttle and these as they are now. work: by-products at x.
     reading: (19,). past: (64, 19) last readings of delayed sensors, the part of a tick before each tick, the
-    newest last; (0, 19) where none does. past_sensor: (12,) their memory.
+    newest last; (0, 19) where none does. past_sensor: (12,) their memory. motors: (M,) throttle of each of several
+    behind its lag, (0,) before the first step; thrust: N, of all of them, NaN of one that follows the throttle.
     """
 
     x: Array
@@ -32,6 +35,8 @@ class PlantState:
     reading: Array
     past: Array = field(default_factory=lambda: np.zeros((0, len(CHANNELS))))
     past_sensor: Array = field(default_factory=lambda: np.zeros(SENSOR_SIZE))
+    motors: Array = field(default_factory=lambda: np.zeros(0))
+    thrust: float = math.nan
 
     @property
     def time_s(self) -> float:
@@ -44,7 +49,7 @@ class PlantState:
 
     def copy(self) -> PlantState:
         """An independent copy."""
-        return PlantState(*(np.array(getattr(self, name)) for name in self.__dataclass_fields__))
+        return copy.deepcopy(self)
 
 
 @dataclass(frozen=True)

@@ -24,6 +24,9 @@ DEFLECTION_SIGNALS = {"elevator": "de", "aileron": "da", "rudder": "dr", "thrott
 GUESSED_TRAVEL_STD = 0.2
 LARGEST_PWM_US = 65534.0  # 65535 is MAVLink's "not used"
 
+# What several motors turn an aircraft by, as inputs: coefficients of roll, pitch and yaw.
+MOTOR_MOMENTS = ("motor_roll", "motor_pitch", "motor_yaw")
+
 # As alike as this a name is taken for a slip of one of the four.
 _MISSPELT = 0.85
 # Signals that no control may be named as.
@@ -45,7 +48,8 @@ _OTHER_SIGNALS = frozenset(
             "rpm",
         ),
         *("altitude", "height", "north", "east", "down", "vn", "ve", "vd", "time", "differential_pressure", "V"),
-        *("static_pressure", "temperature", "air_density", "voltage", "current"),
+        *("static_pressure", "temperature", "air_density", "voltage", "current", "motor_thrust"),
+        *MOTOR_MOMENTS,
     )
 )
 _SERVO = re.compile(r"^(servo|adc)\d+$")

@@ -14,6 +14,7 @@ from sim_vehicle.model.model_file import Model
 from sim_vehicle.physics.dynamics import ELEVATOR_MOMENT, INDUCED_DRAG, PLAIN, ZERO_LIFT_DRAG
 from sim_vehicle.physics.kernel_records import ModelArrays
 from sim_vehicle.physics.layout import CQ_PLACE, CT_PLACE, PAR_SIZE, WORK_SIZE, Par
+from sim_vehicle.vehicle.controls import MOTOR_MOMENTS
 from sim_vehicle.vehicle.propulsion import pack_curve, rotor_scale
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 
@@ -123,9 +124,11 @@ def flatten(vehicle: Vehicle, model: Model) -> PackedModel:
             )
     require_controls(vehicle, model)
     values = model.flown()
+    if vehicle.motors:
+        values |= {f"{axis}_{name}": 1.0 for axis, name in zip(("Cl", "Cm", "Cn"), MOTOR_MOMENTS, strict=True)}
     terms = sorted((parse_term(name) for name in values), key=lambda term: AXES.index(term.axis))
     F = np.full((len(terms), MAX_FACTORS), -1, dtype=np.int64)
-    named = vehicle.named_controls
+    named = vehicle.named_inputs
     for i, term in enumerate(terms):
         for j, factor in enumerate(term.factors):
             F[i, j] = REGRESSORS.index(factor) if factor in REGRESSORS else WORK_SIZE + named.index(factor)

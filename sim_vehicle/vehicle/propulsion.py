@@ -9,7 +9,8 @@ Illinois tables CT and CP = 2 pi CQ in this form.)
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -136,15 +137,43 @@ def pack_curve(curve: Curve) -> Array:
     return packed
 
 
+def read_motors(table: Table) -> dict[str, Propulsion]:
+    """The tables [propulsion.NAME] of a vehicle file, one for each of several motors; none where there is one motor.
+
+    Raises VehicleFileError in one line naming the key.
+    """
+    names = [name for name in table if table.is_table(name) and name not in ("CT", "CQ")]
+    return {name: read_propulsion(table.table(name)) for name in names}
+
+
+def together(motors: Mapping[str, Propulsion]) -> Propulsion:
+    """Several motors as one that all of them are: their thrust at one throttle, on the middle of their lines, without
+    torque.
+    """
+    every = list(motors.values())
+    first, count = every[0], len(every)
+    middle = [sum(one.line[axis] for one in every) / count for axis in range(3)]
+    most = [one.max_thrust for one in every if one.max_thrust is not None]
+    return replace(
+        first, line=(middle[0], middle[1], middle[2]), max_thrust=sum(most) if len(most) == count else None,
+        CT=scaled(first.CT, float(count)), CQ=(), moving_mass=sum(one.moving_mass for one in every),
+        line_known=all(one.line_known for one in every),
+    )  # fmt: skip
+
+
 def read_propulsion(table: Table) -> Propulsion:
-    """The table [propulsion] of a vehicle file. Raises VehicleFileError in one line naming the key."""
+    """The table [propulsion] of a vehicle file, or that of one of several motors. Raises VehicleFileError in one line
+    naming the key.
+    """
+    turns = ("cw", "ccw")
+    sense = table.text("sense", "cw", turns)
     curves = {key: _read_curve(table, key) if table.optional(key) else () for key in ("CT", "CQ")}
     propulsion = Propulsion(
         line=table.vector("line"),
         line_known=table.optional("line"),
         inclination=table.number("inclination", 0.0),
         diameter=table.optional_number("diameter", above=0.0),
-        rotation=table.text("rotation", "cw", ("cw", "ccw")),
+        rotation=table.text("rotation", sense, turns),
         max_thrust=table.optional_number("max_thrust", above=0.0),
         CT=curves["CT"],
         CQ=curves["CQ"],

@@ -13,10 +13,10 @@ import numpy as np
 
 from sim_vehicle.constants import SEA_LEVEL_DENSITY, STANDARD_GRAVITY
 from sim_vehicle.errors import VehicleFileError
-from sim_vehicle.vehicle.controls import CONTROL_NAMES, Control, read_controls, servo_pwm
+from sim_vehicle.vehicle.controls import CONTROL_NAMES, MOTOR_MOMENTS, Control, read_controls, servo_pwm
 from sim_vehicle.vehicle.mass_properties import MASS_KEYS, Geometry, MassProperties, read_geometry, read_mass
 from sim_vehicle.vehicle.plausibility import extreme, impossible
-from sim_vehicle.vehicle.propulsion import Propulsion, read_propulsion, scaled
+from sim_vehicle.vehicle.propulsion import Propulsion, read_motors, read_propulsion, scaled, together
 from sim_vehicle.vehicle.sensors import (
     CalibrationSource,
     Sensors,
@@ -57,7 +57,8 @@ class Vehicle:
     """Everything a vehicle file says. `warnings` are doubts about it, one line each.
 
     timing: message -> how much later than the moment measured its stamps are, s. as_recorded: signals that no search
-    for mistakes may change.
+    for mistakes may change. motors: by the control that is their throttle, where there are several; `propulsion` is
+    then that of all together.
     """
 
     name: str
@@ -74,6 +75,14 @@ class Vehicle:
     warnings: tuple[str, ...] = ()
     timing: Mapping[str, Known] = field(default_factory=dict)
     as_recorded: tuple[str, ...] = ()
+    motors: Mapping[str, Propulsion] = field(default_factory=dict)
+
+    @property
+    def named_inputs(self) -> tuple[str, ...]:
+        """Inputs of a simulation beside de, da, dr and throttle: the controls of other names, and what several motors
+        turn the aircraft by.
+        """
+        return (*self.named_controls, *(MOTOR_MOMENTS if self.motors else ()))
 
     @property
     def named_controls(self) -> tuple[str, ...]:
@@ -166,7 +175,7 @@ def _read(top: Table, path: Path, tables_in: Path | None) -> Vehicle:
     geometry = read_geometry(top.table("geometry", demanded=True))
     mass = read_mass(mass_table, geometry, warnings)
     controls = read_controls(top.table("controls"), warnings)
-    propulsion = read_propulsion(top.table("propulsion")) if top.optional("propulsion") else None
+    propulsion, motors = _read_thrust(top, controls)
     sensors = read_sensors(top.table("sensors"))
     table = top.table("signals")
     as_recorded = table.texts("as_recorded") if table.optional("as_recorded") else ()
@@ -188,9 +197,28 @@ def _read(top: Table, path: Path, tables_in: Path | None) -> Vehicle:
     top.close()
     vehicle = Vehicle(
         name, mass, geometry, controls, propulsion, sensors, signals, calibration, environment, flight, path, (),
-        timing, as_recorded,
+        timing, as_recorded, motors,
     )  # fmt: skip
     return Vehicle(**{**vehicle.__dict__, "warnings": (*warnings, *doubts(vehicle))})
+
+
+def _read_thrust(top: Table, controls: Mapping[str, Control]) -> tuple[Propulsion | None, dict[str, Propulsion]]:
+    """[propulsion], and the motors of [propulsion.NAME] where it is of several."""
+    if not top.optional("propulsion"):
+        return None, {}
+    table = top.table("propulsion")
+    motors = read_motors(table)
+    if not motors:
+        return read_propulsion(table), {}
+    table.close()
+    for name in motors:
+        if name not in controls or name in CONTROL_NAMES:
+            raise table.error(name, f"is a motor that no control moves: give [controls.{name}] its servo")
+    alike = {(one.inclination, bool(one.CT)) for one in motors.values()}
+    if len(alike) > 1:
+        raise table.error(next(iter(motors)), "and the other motors need one inclination and one kind of law (CT or"
+                          " max_thrust)")  # fmt: skip
+    return together(motors), motors
 
 
 def _read_flight(table: Table, mass: MassProperties, geometry: Geometry, environment: Environment) -> Flight:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim_vehicle.constants import SEA_LEVEL_DENSITY
+from sim_vehicle.vehicle.controls import MOTOR_MOMENTS
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.compatibility.kinematics import to_centre_of_gravity
@@ -83,7 +84,8 @@ def coefficients(data: FlightData, body: Body, rate_derivatives: Array) -> dict[
     ----------
     data : FlightData
         The flight, N samples, corrected (`sysid.compatibility.reconstruction.correct`): ax ay az [m/s^2], p q r
-        [rad/s], alpha [rad], V [m/s], thrust [N], and torque [N m] where the propeller's is known. Without the note
+        [rad/s], alpha [rad], V [m/s], thrust [N], and torque [N m] where the propeller's is known, and what several
+        motors turn by (MOTOR_MOMENTS, dimensionless). Without the note
         that correction leaves, the accelerometer's lever arm is taken off here.
     body : Body
         Mass, inertia, geometry, SI units.
@@ -125,13 +127,14 @@ def coefficients(data: FlightData, body: Body, rate_derivatives: Array) -> dict[
     roll = body.Ixx * pdot - body.Ixz * (rdot + p * q) + (body.Izz - body.Iyy) * q * r
     pitch = body.Iyy * qdot + (body.Ixx - body.Izz) * p * r + body.Ixz * (p**2 - r**2)
     yaw = body.Izz * rdot - body.Ixz * (pdot - q * r) + (body.Iyy - body.Ixx) * p * q
+    turned = {name: data.columns.get(name, 0.0) for name in MOTOR_MOMENTS}
     return {
         "CL": (x * np.sin(alpha) - z * np.cos(alpha)) / qs,
         "CD": -(x * np.cos(alpha) + z * np.sin(alpha)) / qs,
         "CY": y / qs,
-        "Cl": (roll - moment[:, 0]) / (qs * body.b),
-        "Cm": (pitch - moment[:, 1]) / (qs * body.c),
-        "Cn": (yaw - moment[:, 2]) / (qs * body.b),
+        "Cl": (roll - moment[:, 0]) / (qs * body.b) - turned["motor_roll"],
+        "Cm": (pitch - moment[:, 1]) / (qs * body.c) - turned["motor_pitch"],
+        "Cn": (yaw - moment[:, 2]) / (qs * body.b) - turned["motor_yaw"],
     }
 
 

@@ -363,9 +363,10 @@ def _state_space(
     work = trim.state.copy()
     outputs = dict(zip(("V", "alpha", "beta", "p", "q", "r", "phi", "theta"), plant.outputs(trim.state), strict=False))
     x0 = np.array([outputs[name] for name in STATES])
-    u0 = np.asarray(trim.state.surfaces, dtype=np.float64)
+    u0 = np.asarray(trim.state.surfaces[: len(INPUTS) + len(vehicle.named_inputs)], dtype=np.float64)
     matrix_x = np.empty((len(STATES) + 3, len(STATES)))
-    inputs = (*INPUTS, *vehicle.named_controls)
+    # What one of several motors does goes by their laws, and the throttle is that of all.
+    inputs = (*INPUTS, *(name for name in vehicle.named_controls if not vehicle.motors))
     matrix_u = np.empty((len(STATES) + 3, len(inputs)))
     for matrix, at, count in ((matrix_x, x0, len(STATES)), (matrix_u, u0, len(inputs))):
         for j in range(count):
@@ -379,7 +380,7 @@ def _state_space(
     n = len(STATES)
     C = np.vstack((np.eye(n), matrix_x[n:]))
     D = np.vstack((np.zeros((n, len(inputs))), matrix_u[n:]))
-    trimmed = {**dict(zip(STATES, x0.tolist(), strict=True)), **dict(zip(inputs, u0.tolist(), strict=True))}
+    trimmed = {**dict(zip(STATES, x0.tolist(), strict=True)), **dict(zip(inputs, u0.tolist(), strict=False))}
     return StateSpace(matrix_x[:n], matrix_u[:n], C, D, airspeed, density, trimmed, inputs), trim
 
 

@@ -45,6 +45,7 @@ from sysid.posterior.start_values import equation_error_starts, usual_starts
 from sysid.posterior.stated_priors import Stated, declared, of_aircraft, zero_stds
 from sysid.problem.model_structure import is_longitudinal, usual_size
 from sysid.signals.record import SURFACES
+from sysid.signals.thrust_source import MOTORS
 
 # Standard deviation of a command, rad, below which it has excited nothing; and below which its surface stood still,
 # or so many times what a measured position resolves: of a motion as small as its noise the noise makes too much. What
@@ -337,7 +338,7 @@ def _thrust_prior(parts: Sequence[FlightPart]) -> dict[str, Stated]:
     sources = {part.thrust_from for part in parts}
     if sources <= {"throttle", ""}:
         return {"thrust_error": (0.0, 0.0)}
-    return {"thrust_error": (None, THRUST_BY_SPEED_STD)} if "rpm" in sources else {}
+    return {"thrust_error": (None, THRUST_BY_SPEED_STD)} if {"rpm", MOTORS} & sources else {}
 
 
 def _rounding_prior(parts: Sequence[FlightPart]) -> dict[str, Stated]:

@@ -9,7 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim_vehicle.constants import SEA_LEVEL_DENSITY
-from sim_vehicle.vehicle.controls import control_of
+from sim_vehicle.vehicle.controls import MOTOR_MOMENTS, control_of
+from sim_vehicle.vehicle.motors import motor_loads
 from sim_vehicle.vehicle.sensors import Sensors
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
@@ -22,7 +23,7 @@ from sysid.posterior.stated_priors import airspeed_lag
 from sysid.signals.flight import FlightSignals
 from sysid.signals.record import SURFACES
 from sysid.signals.sensor_groups import ESSENTIAL, IMU
-from sysid.signals.thrust_source import dead_thrust, thrust_in_air
+from sysid.signals.thrust_source import MOTORS, behind_motor, dead_thrust, thrust_in_air
 
 # Step of the simulation, s; residuals are compared at no finer steps than the second.
 STEP_S, COMMON_STEP_S = 0.01, 0.02
@@ -71,7 +72,7 @@ class FlightPart:
     @property
     def named(self) -> tuple[str, ...]:
         """Controls of other names than de, da, dr and throttle that were recorded."""
-        return tuple(name for name in self.inputs if name not in (*SURFACES, "throttle"))
+        return tuple(name for name in self.inputs if name not in (*SURFACES, "throttle", *MOTOR_MOMENTS))
 
     @property
     def duration_s(self) -> float:
@@ -243,6 +244,15 @@ def make_part(
     common = common_grid(begin, end, max(COMMON_STEP_S, imu), sorted(lost), _RISE_S)
     highest = min(HIGHEST_HZ, NYQUIST_SHARE * min(rates))
     thrust, thrust_from = _thrust(signals, vehicle, grid, motion["ax"], speed.values, rho, (begin, end))
+    if vehicle.motors and vehicle.motors.keys() <= inputs.keys():
+        late = {name: vehicle.controls[name].delay.value or 0.0 for name in vehicle.motors}
+        # A motor keeps the throttle that it was sent until the next.
+        held = {name: replace(inputs[name], kind="held").at(grid - late[name]) for name in vehicle.motors}
+        throttle = {name: behind_motor(held[name], STEP_S, motor.tau) for name, motor in vehicle.motors.items()}
+        loads = motor_loads(vehicle, throttle, speed.values, rho)
+        inputs |= {n: InputSignal(grid, one, "joined") for n, one in zip(MOTOR_MOMENTS, loads.moments.T, strict=True)}
+        if thrust_from != "thrust":
+            thrust, thrust_from = loads.thrust, MOTORS
     return FlightPart(
         signals.name, grid, inputs, motion, speed, thrust, thrust_from, rho, channels, common, highest, position,
         messages,

@@ -23,6 +23,7 @@ from sim_vehicle.effects.sensor import AIRSPEED_ERROR, PITOT_LAG
 from sim_vehicle.model.aerodynamic_terms import parse_term
 from sim_vehicle.model.model_file import Model
 from sim_vehicle.physics.layout import Par
+from sim_vehicle.vehicle.controls import MOTOR_MOMENTS
 from sim_vehicle.vehicle.packed_model import PackedModel, flatten
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
@@ -366,12 +367,12 @@ class GroupModel:
         """(N, 4 + named) means of what the surfaces did over each step, the throttle, and controls of other names; and
         what sensors see of them at its begin.
         """
-        part, named = one.part, self.vehicle.named_controls
+        part, named = one.part, self.vehicle.named_inputs
         n, step = part.grid.size, one.record.interval_s
         commands = np.zeros((n, 4 + len(named)))
         seen = commands.copy()
         for j, name in enumerate((*SURFACES, "", *named)):
-            if name in part.inputs and name in self._surfaces:
+            if name in part.inputs and name in (*self._surfaces, *MOTOR_MOMENTS):
                 servos = servo_of(self.vehicle, name, [values[key] for key in OF_SURFACES], part.inputs)
                 moved = surface_motion(part.inputs[name], part.grid[0], step, n, servos)
                 gain, bias = self._given.gains.get(name, 1.0), self._given.biases.get(name, 0.0)
@@ -439,6 +440,8 @@ def servo_of(
     """Delay [s], lag [s], backlash [rad] and share of the rounding of the servo of one control: of one of another name
     as the vehicle file states it; the servos of all surfaces in `common` where it says nothing.
     """
+    if name in MOTOR_MOMENTS:
+        return (0.0, 0.0, 0.0, 0.0)
     control = vehicle.controls.get(name) if name in vehicle.named_controls else None
     if control is None:
         return common

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from sim_vehicle.model.model_file import Coefficient, Model
+from sim_vehicle.vehicle.controls import MOTOR_MOMENTS
 from sim_vehicle.vehicle.packed_model import flatten
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.compatibility.reconstruction import CompatibilityResult, correct
@@ -123,6 +124,7 @@ def corrected_parts(
             columns |= {
                 name: (record.positions if record.positions.size and name in SURFACES else record.commands)[here, j]
                 for j, name in enumerate((*SURFACES, "throttle", *record.named))
+                if name not in MOTOR_MOMENTS
             }
             columns.setdefault("beta", np.zeros(record.length))
             parts.append(replace(data, columns=columns))

@@ -20,7 +20,7 @@ from sysid.signals.redundant_sensors import combined_sensors
 from sysid.signals.resampling import resample
 from sysid.signals.segments import FlightSegment, find_segments
 from sysid.signals.sensor_mounting import SensorMounting, sensor_mounting
-from sysid.signals.thrust_source import ThrustSource, dead_thrust
+from sysid.signals.thrust_source import MOTORS, ThrustSource, dead_thrust, with_motors
 
 NEEDED = ("ax", "ay", "az", "p", "q", "r", "phi", "theta", "airspeed")
 # Longest stretch taken as one; more than that per flight is cut up, not left out.
@@ -141,6 +141,7 @@ def prepare(
     given = start_s is not None or stop_s is not None
     segments = [_requested(data, start_s, stop_s)] if given else find_segments(data)
     data, shares = combined_sensors(_without_dead(data, segments), vehicle)
+    data = with_motors(data, vehicle)
     if "thrust" in data and repeats(data["thrust"]):
         columns, consequence = dict(data.columns), "if that sensor is dead, lift and drag coefficients are wrong"
         if dead_thrust(data["thrust"], data.columns.get("throttle", np.zeros(0))):
@@ -199,7 +200,7 @@ def unmeasured_thrust(prepared: Sequence[Prepared], known_by_rpm: float | None =
     known_by_rpm: share to which thrust by the propeller's speed was known, where its error is estimated.
     """
     sources = dict.fromkeys(
-        flight.thrust_source for flight in prepared if flight.thrust_source.signal in ("rpm", "throttle")
+        flight.thrust_source for flight in prepared if flight.thrust_source.signal in ("rpm", "throttle", MOTORS)
     )
     counted = "the bars hold an error of 5 % of it (thrust_5pct)"
     estimated = f"one gain for all of it is estimated, known to {known_by_rpm or 0.0:.0%} before"

@@ -11,7 +11,7 @@ from sim_vehicle.constants import SEA_LEVEL_DENSITY
 from sim_vehicle.effects import START_TIME, THRUST_AIRSPEED, THRUST_BEND, THRUST_SLOPE, slot
 from sim_vehicle.physics.kernel_records import NOT_SEEN
 from sim_vehicle.physics.layout import CHANNELS
-from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS, Control, control_of
+from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS, MOTOR_MOMENTS, Control, control_of
 from sim_vehicle.vehicle.packed_model import PackedModel
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
@@ -20,9 +20,10 @@ from sysid.numerics.fractional_delay import held_back
 from sysid.numerics.smoothing import fourier_smooth
 from sysid.signals.flight import FlightData
 from sysid.signals.height import height_above_ground, height_in_flight
-from sysid.signals.thrust_denoising import NO_NOISE, AirspeedLaw, Passed, denoised_thrust, way_of
+from sysid.signals.thrust_denoising import NO_NOISE, AirspeedLaw, Denoised, Passed, denoised_thrust, way_of
 from sysid.signals.thrust_source import (
     MEASURED,
+    MOTORS,
     THRUST_BY_SQUARE,
     ThrustSource,
     filled,
@@ -336,7 +337,7 @@ def make_records(data: FlightData, vehicle: Vehicle, spans: Sequence[tuple[int, 
             f"{data.name}: no control surface is known: name its servo under [controls] of the vehicle file"
         )
     n = data.time_s.size
-    inputs = (*_INPUTS, *vehicle.named_controls)
+    inputs = (*_INPUTS, *vehicle.named_inputs)
     given = {name: filled(data[name]) if name in data else np.zeros(n) for name in inputs}
     commands = np.stack([_as_acted(name, given[name], vehicle, data.interval_s) for name in inputs], axis=1)
     heights = (height_above_ground(data), height_in_flight(data))
@@ -384,6 +385,8 @@ def _as_acted(name: str, values: Array, vehicle: Vehicle, interval_s: float) -> 
     """(n,) what a command does from each sample to the next, later by what the vehicle file says of its servo: delay
     and lag together. A measured position is on a monotone curve through its samples, which counts by its mean.
     """
+    if name in MOTOR_MOMENTS:
+        return np.append(0.5 * (values[:-1] + values[1:]), values[-1:])
     if name in positions_of(vehicle) and values.size > 1:
         from scipy.interpolate import PchipInterpolator  # slow to import, and seldom wanted
 
@@ -428,7 +431,10 @@ def _make_record(
             # 0.03 % where the throttle explains the thrust. That is left out.
             moving_mass = vehicle.propulsion.moving_mass
             thrust = thrust + moving_mass * filled(data["ax"])[first:stop]
-    if speed is not None and source.law == THRUST_BY_SQUARE:
+    if source.signal == MOTORS:
+        thrust = filled(data["motor_thrust"])[first:stop]
+        denoised = Denoised(thrust, np.zeros((0, thrust.size)))
+    elif speed is not None and source.law == THRUST_BY_SQUARE:
         denoised = thrust_of_speed(speed, vehicle)
     else:
         denoised = denoised_thrust(thrust, commands[:, 3], data.interval_s, airspeed)
@@ -449,5 +455,5 @@ def _make_record(
         denoised.doubt, rotor_doubt, start, source, thrust if denoised.by_airspeed else np.zeros(0), heights=above,
         relative_height=climbed, hysteresis_direction=way, command_history=earlier, thrust_noise=denoised.noise,
         joined=has_positions(vehicle), surface_doubt=doubt[first:stop],
-        positions=positions[first:stop], named=vehicle.named_controls,
+        positions=positions[first:stop], named=vehicle.named_inputs,
     )  # fmt: skip

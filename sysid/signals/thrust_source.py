@@ -6,28 +6,36 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sim_vehicle.constants import SEA_LEVEL_DENSITY
 from sim_vehicle.model.model_file import Model
 from sim_vehicle.physics.propeller import along
+from sim_vehicle.vehicle.controls import MOTOR_MOMENTS
+from sim_vehicle.vehicle.motors import motor_loads
 from sim_vehicle.vehicle.packed_model import flatten
 from sim_vehicle.vehicle.propulsion import rotor_scale
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.errors import SignalError
 from sysid.numerics.filters import first_order_lag
+from sysid.numerics.smoothing import fourier_smooth
 from sysid.signals.flight import FlightData, repeats
 from sysid.signals.thrust_denoising import Denoised, denoised_thrust
 
+# Source of thrust where several motors have throttles of their own.
+MOTORS = "motors"
 THRUST_BY_SQUARE = "max_thrust (rpm / max_rpm)^2"
 # Share of the flight through which a signal must be there to be used as an input.
 _PRESENT = 0.9
 # Travel of the throttle after which thrust must have changed.
 _THROTTLE_MOVED = 0.1
+# Airspeed follows thrust more slowly than this.
+_AIRSPEED_HZ = 1.0
 
 
 @dataclass(frozen=True)
 class ThrustSource:
-    """signal: "thrust" (measured), "rpm" or "throttle"; "" where thrust is not known, and `missing` says why. law: how
-    thrust follows from it, "" where it is measured.
+    """signal: "thrust" (measured), "rpm", "throttle" or "motors"; "" where thrust is not known, and `missing` says why.
+    law: how thrust follows from it, "" where it is measured.
     """
 
     signal: str
@@ -74,6 +82,8 @@ def thrust_source(data: FlightData, vehicle: Vehicle) -> ThrustSource:
     propulsion = vehicle.propulsion
     if _present(data, "thrust"):
         return MEASURED
+    if propulsion is not None and vehicle.motors and _present(data, "motor_thrust"):
+        return ThrustSource(MOTORS, propulsion.by_throttle)
     if propulsion is not None and propulsion.by_rpm and _present(data, "rpm"):
         return ThrustSource("rpm", propulsion.by_rpm)
     if propulsion is not None and propulsion.by_throttle and _present(data, "throttle"):
@@ -85,6 +95,48 @@ def thrust_source(data: FlightData, vehicle: Vehicle) -> ThrustSource:
         return ThrustSource("", missing=why)
     why = "the flight has neither a thrust signal nor rpm nor a throttle"
     return ThrustSource("", missing=f"{why}; record one, or give [controls.throttle] its servo")
+
+
+def behind_motor(throttle: Array, interval_s: float, tau: float) -> Array:
+    """A throttle, held from each sample on, behind its motor's lag at the samples.
+
+    Parameters
+    ----------
+    throttle : Array, shape (N,)
+        Commands, 0 to 1.
+    interval_s : float
+        Sample interval, s.
+    tau : float
+        Time constant of the lag, s; 0 for none.
+
+    Returns
+    -------
+    Array, shape (N,)
+        0 to 1, at rest at the first.
+    """
+    kept = float(np.exp(-interval_s / tau)) if tau > 0.0 else 0.0
+    return first_order_lag(np.append(throttle[:1], throttle[:-1]), kept, float(throttle[0]))
+
+
+def with_motors(data: FlightData, vehicle: Vehicle) -> FlightData:
+    """The flight with what several motors do by their laws: `motor_thrust`, N, and the moments of MOTOR_MOMENTS,
+    dimensionless; itself where the vehicle has one, or the throttle of one was not recorded.
+    """
+    if not vehicle.motors or not all(_present(data, name) for name in (*vehicle.motors, "airspeed")):
+        return data
+    rho = np.full(data.time_s.size, vehicle.environment.air_density or SEA_LEVEL_DENSITY)
+    if vehicle.environment.air_density is None and "air_density" in data:
+        rho = filled(data["air_density"])
+    airspeed = filled(data["airspeed"])
+    if vehicle.sensors.airspeed.kind != "true":
+        airspeed = airspeed * np.sqrt(SEA_LEVEL_DENSITY / rho)
+    smooth = np.maximum(fourier_smooth(airspeed, data.interval_s, _AIRSPEED_HZ).values, 0.1)
+    throttle = {
+        name: behind_motor(filled(data[name]), data.interval_s, motor.tau) for name, motor in vehicle.motors.items()
+    }
+    loads = motor_loads(vehicle, throttle, smooth, rho)
+    columns = {"motor_thrust": loads.thrust, **dict(zip(MOTOR_MOMENTS, loads.moments.T, strict=True))}
+    return replace(data, columns={**data.columns, **columns})
 
 
 def filled(values: Array) -> Array:
