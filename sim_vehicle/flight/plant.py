@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +33,7 @@ from sim_vehicle.physics.propeller import rotor_speed
 from sim_vehicle.physics.rotation import euler_angles, quaternion
 from sim_vehicle.physics.simulation import HEIGHT_COLUMN, read_within_tick, tick
 from sim_vehicle.vehicle.controls import MOTOR_MOMENTS
-from sim_vehicle.vehicle.motors import MotorLoads, motor_loads
+from sim_vehicle.vehicle.motors import motor_loads
 from sim_vehicle.vehicle.packed_model import flatten
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 
@@ -45,6 +46,14 @@ OUTPUTS = (
 )  # fmt: skip
 _STILL = np.zeros(3)
 _FREE = np.zeros(0)
+
+
+class _Motors(NamedTuple):
+    """Of several motors at a moment. throttle: (M,) behind their lags; thrust: N, of all; moments: (3,)."""
+
+    throttle: Array
+    thrust: float
+    moments: Array
 
 
 class Plant:
@@ -121,7 +130,7 @@ class Plant:
         row[MORE_COLUMN : MORE_COLUMN + command.size - 4] = command[4:]
         return row
 
-    def _run_motors(self, state: PlantState, row: Array, dt: float, rho: float) -> tuple[MotorLoads, MotorLoads]:
+    def _run_motors(self, state: PlantState, row: Array, dt: float, rho: float) -> tuple[_Motors, _Motors]:
         """What several motors do over a step in the mean, and at its end; their throttles go on.
 
         row: the command, 0 to 1 behind its surfaces.
@@ -135,7 +144,10 @@ class Plant:
         V, air = np.full(2, state.work[Aux.V]), np.full(2, rho)
         throttle = {name: np.array([mean[i], state.motors[i]]) for i, name in enumerate(self.vehicle.motors)}
         loads = motor_loads(self.vehicle, throttle, V, air)
-        return MotorLoads(loads.thrust[:1], loads.moments[0]), MotorLoads(loads.thrust[1:], loads.moments[1])
+        now, after = (
+            _Motors(one, float(loads.thrust[i]), loads.moments[i]) for i, one in enumerate((mean, state.motors))
+        )
+        return now, after
 
     def rates(self, state: PlantState, wind_ned: Array, gust_body: Array) -> Array:
         """Rate of the state vector (14,) as it is now; by-products are left in `state.work`."""
@@ -207,8 +219,9 @@ class Plant:
         thrust = math.nan
         if self._motors:
             over, after = self._run_motors(state, state.commands[-1], dt, rho)
-            thrust, state.thrust = float(over.thrust[0]), float(after.thrust[0])
+            thrust, state.thrust = over.thrust, after.thrust
             state.commands[-1, -len(MOTOR_MOMENTS) :] = over.moments
+            state.commands[-1, MORE_COLUMN + np.array(self._motors)] = over.throttle
         at_end = gust_body if gust_at_end is None else gust_at_end
         if self._late:
             inputs = TickInputs(state.commands, HISTORY - 1, wind_ned, gust_body, rho, thrust, _FREE, dt, sub_steps)
@@ -218,6 +231,7 @@ class Plant:
              state.surfaces[: self._mean.size])  # fmt: skip
         if self._motors:
             state.surfaces[-len(MOTOR_MOMENTS) :] = after.moments
+            state.surfaces[4 + np.array(self._motors)] = after.throttle
         self.evaluate(state, wind_ned, at_end, dt)
 
     def read(self, state: PlantState) -> Array:

@@ -250,7 +250,8 @@ def make_part(
         held = {name: replace(inputs[name], kind="held").at(grid - late[name]) for name in vehicle.motors}
         throttle = {name: behind_motor(held[name], STEP_S, motor.tau) for name, motor in vehicle.motors.items()}
         loads = motor_loads(vehicle, throttle, speed.values, rho)
-        inputs |= {n: InputSignal(grid, one, "joined") for n, one in zip(MOTOR_MOMENTS, loads.moments.T, strict=True)}
+        made = {**throttle, **dict(zip(MOTOR_MOMENTS, loads.moments.T, strict=True))}
+        inputs |= {name: InputSignal(grid, values, "joined") for name, values in made.items()}
         if thrust_from != "thrust":
             thrust, thrust_from = loads.thrust, MOTORS
     return FlightPart(

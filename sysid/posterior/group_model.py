@@ -438,9 +438,10 @@ def servo_of(
     vehicle: Vehicle, name: str, common: Sequence[float], inputs: Mapping[str, InputSignal]
 ) -> Sequence[float]:
     """Delay [s], lag [s], backlash [rad] and share of the rounding of the servo of one control: of one of another name
-    as the vehicle file states it; the servos of all surfaces in `common` where it says nothing.
+    as the vehicle file states it; the servos of all surfaces in `common` where it says nothing. Of several motors the
+    throttles are behind their lags already.
     """
-    if name in MOTOR_MOMENTS:
+    if name in MOTOR_MOMENTS or name in vehicle.motors:
         return (0.0, 0.0, 0.0, 0.0)
     control = vehicle.controls.get(name) if name in vehicle.named_controls else None
     if control is None:

@@ -385,7 +385,7 @@ def _as_acted(name: str, values: Array, vehicle: Vehicle, interval_s: float) -> 
     """(n,) what a command does from each sample to the next, later by what the vehicle file says of its servo: delay
     and lag together. A measured position is on a monotone curve through its samples, which counts by its mean.
     """
-    if name in MOTOR_MOMENTS:
+    if name in MOTOR_MOMENTS or name in vehicle.motors:
         return np.append(0.5 * (values[:-1] + values[1:]), values[-1:])
     if name in positions_of(vehicle) and values.size > 1:
         from scipy.interpolate import PchipInterpolator  # slow to import, and seldom wanted

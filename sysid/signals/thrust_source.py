@@ -119,8 +119,9 @@ def behind_motor(throttle: Array, interval_s: float, tau: float) -> Array:
 
 
 def with_motors(data: FlightData, vehicle: Vehicle) -> FlightData:
-    """The flight with what several motors do by their laws: `motor_thrust`, N, and the moments of MOTOR_MOMENTS,
-    dimensionless; itself where the vehicle has one, or the throttle of one was not recorded.
+    """The flight with what several motors do by their laws: `motor_thrust`, N, the moments of MOTOR_MOMENTS,
+    dimensionless, and their throttles behind their lags; itself where the vehicle has one, or the throttle of one was
+    not recorded.
     """
     if not vehicle.motors or not all(_present(data, name) for name in (*vehicle.motors, "airspeed")):
         return data
@@ -136,7 +137,7 @@ def with_motors(data: FlightData, vehicle: Vehicle) -> FlightData:
     }
     loads = motor_loads(vehicle, throttle, smooth, rho)
     columns = {"motor_thrust": loads.thrust, **dict(zip(MOTOR_MOMENTS, loads.moments.T, strict=True))}
-    return replace(data, columns={**data.columns, **columns})
+    return replace(data, columns={**data.columns, **throttle, **columns})
 
 
 def filled(values: Array) -> Array:
