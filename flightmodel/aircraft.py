@@ -14,6 +14,7 @@ import tomlkit
 from numpy.typing import ArrayLike
 
 from flightmodel.errors import FlightModelError
+from sim_vehicle.model.aerodynamic_terms import may_name_control
 from sim_vehicle.vehicle.controls import CONTROL_NAMES
 from sim_vehicle.vehicle.vehicle_file import Vehicle, load_vehicle, vehicle_from_text
 from sysid.tables.sidpac import aircraft_of_fdata
@@ -102,7 +103,7 @@ class Aircraft:
         name : str
             What it is called.
         controls : Sequence[str]
-            Those it has, of elevator, aileron, rudder and throttle.
+            Those it has, of elevator, aileron, rudder and throttle, and of names of their own as flap.
         surfaces : str
             What the columns of the surfaces hold: the "command", or the measured "position", which narrows the bars.
         airspeed : str
@@ -147,8 +148,10 @@ class Aircraft:
         for name_of, value in (("thrust_line", thrust_line), ("moving_mass", moving_mass)):
             if value is not None and max_thrust is None:
                 raise FlightModelError(f"{name_of}: give max_thrust, N, as well")
-        if unknown := [control for control in controls if control not in CONTROL_NAMES]:
-            raise FlightModelError(f"controls: {unknown[0]!r} is none of {', '.join(CONTROL_NAMES)}")
+        if unknown := [one for one in controls if one not in CONTROL_NAMES and not may_name_control(one)]:
+            raise FlightModelError(
+                f"controls: {unknown[0]!r} is none of {', '.join(CONTROL_NAMES)}, nor a name of its own as flap"
+            )
         wing = float(f"{span**2 / _USUAL_ASPECT_RATIO:.4g}") if area is None else area
         mean = float(f"{wing / span:.4g}") if chord is None else chord
         table: dict[str, Any] = {

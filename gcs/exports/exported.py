@@ -14,6 +14,7 @@ from gcs.text.one_line import one_line
 from gcs.version import VERSION
 from sim_vehicle.effects import EFFECTS, Stage
 from sim_vehicle.model.model_file import Coefficient, Model, model_from_json, read_model
+from sim_vehicle.vehicle.packed_model import require_controls
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 
 AXES_AND_SIGNS = (
@@ -33,6 +34,10 @@ class Exported:
 
     model: Model
     vehicle: Vehicle
+
+    def __post_init__(self) -> None:
+        """Raises ModelFileError for a coefficient of a control that the vehicle does not have."""
+        require_controls(self.vehicle, self.model)
 
     @property
     def title(self) -> str:
@@ -81,6 +86,8 @@ class Exported:
         every = [one.name for one in self.model.effects if EFFECTS[one.name].stage in (Stage.SENSOR, Stage.ENVIRONMENT)]
         lines = [f"{name} is no part of the aircraft" for name in every]
         unknown = self.model.unknown()
+        if self.vehicle.motors:
+            lines.append("each motor by itself: all of them follow one throttle, and turn the aircraft by nothing")
         return [*lines, *([f"refused, taken as 0: {', '.join(unknown)}"] if unknown else [])]
 
 

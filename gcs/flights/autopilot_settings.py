@@ -44,13 +44,12 @@ _SERVOS = range(1, len(PORTS) * OUTPUTS + 1)
 Mix = Mapping[str, float]
 _LEFT_ELEVON, _RIGHT_ELEVON = {"elevator": 0.5, "aileron": -0.5}, {"elevator": 0.5, "aileron": 0.5}
 _LEFT_TAIL, _RIGHT_TAIL = {"elevator": 0.5, "rudder": 0.5}, {"elevator": 0.5, "rudder": -0.5}
-_LEFT_MOTOR, _RIGHT_MOTOR = {"throttle": 1.0, "thrust_difference": 1.0}, {"throttle": 1.0, "thrust_difference": -1.0}
 # Controls whose demand is a share of their travel, 0 to 1, whatever that is.
-_SHARES = ("throttle", "thrust_difference", "flap", "airbrake", "spoiler")
+_SHARES = ("throttle", "flap", "airbrake", "spoiler")
 # What a servo's demand is of the demands to pitch up, roll right and yaw right. ArduPilot: by SERVOn_FUNCTION.
 _ARDUPILOT: Mapping[int, Mix] = {
     4: {"aileron": 1.0}, 19: {"elevator": 1.0}, 21: {"rudder": 1.0}, 70: {"throttle": 1.0},
-    24: {"aileron": 1.0}, 25: {"aileron": 1.0}, 73: _LEFT_MOTOR, 74: _RIGHT_MOTOR,
+    24: {"aileron": 1.0}, 25: {"aileron": 1.0}, 73: {"throttle": 1.0}, 74: {"throttle": 1.0},
     2: {"flap": 1.0}, 3: {"flap": 1.0}, 110: {"airbrake": 1.0},
     77: _LEFT_ELEVON, 78: _RIGHT_ELEVON, 79: _LEFT_TAIL, 80: _RIGHT_TAIL,
 }  # fmt: skip
@@ -264,8 +263,7 @@ def _controls(parameters: Mapping[str, float]) -> dict[str, Control]:
             servos[name].append((servo, weight))
     found = {}
     for name, entries in servos.items():
-        # A difference is of two.
-        if not entries or (name == "thrust_difference" and len({weight for _, weight in entries}) < 2):
+        if not entries:
             continue
         pwm = tuple(
             curves[servo] if name not in _SHARES else curves[servo][:: len(curves[servo]) - 1] for servo, _ in entries
@@ -309,11 +307,8 @@ def _by_px4(parameters: Mapping[str, float]) -> Iterator[tuple[int, Mix, tuple[f
             middle = parameters.get(f"PWM_{name}_CENT{output}", -1.0)
             middle = middle if low < middle < high else (low + high) / 2.0
             kind = int(parameters.get(f"CA_SV_CS{function - _PX4_SURFACE}_TYPE", 0.0))
-            motor = function - _PX4_MOTOR
-            mix = _PX4.get(kind) if function >= _PX4_SURFACE else None
-            if 0 <= motor < _PX4_MOTORS and pushes(parameters, motor):
-                place = parameters.get(f"CA_ROTOR{motor}_PY", 0.0)
-                mix = _LEFT_MOTOR if place < 0.0 else _RIGHT_MOTOR if place > 0.0 else {"throttle": 1.0}
+            motor = 0 <= function - _PX4_MOTOR < _PX4_MOTORS and pushes(parameters, function - _PX4_MOTOR)
+            mix = {"throttle": 1.0} if motor else _PX4.get(kind) if function >= _PX4_SURFACE else None
             if mix is not None and 0.0 < low < high <= LARGEST_PWM_US:
                 is_turned = bool(turned >> (output - 1) & 1)
                 yield OUTPUTS * port + output, mix, _pulses(low, middle, high), is_turned

@@ -206,12 +206,17 @@ def _servo_trims(parameters: _Parameters, vehicle: Vehicle, autopilot: str) -> N
         if key != "throttle" and one.servos and one.signal != "position"
     }
     axes = {"elevator": "de", "aileron": "da", "rudder": "dr"}
+    shared = {servo for key, one in controls.items() if key not in axes for servo in one.servos}
+    controls = {key: one for key, one in controls.items() if key in axes}
     for servo in sorted({servo for one in controls.values() for servo in one.servos}):
         # A servo of two surfaces is moved by both.
         own = [key for key, one in controls.items() if servo in one.servos]
         name = f"SERVO{servo}_TRIM" if autopilot == "ardupilot" else _px4_centre(servo)
         missing = [axes[key] for key in own if axes[key] not in found.quantities]
         beside = [one for key in own if parameters.now.get(one := _PX4_TRIMS[key], 0.0) != 0.0]
+        if servo in shared:
+            parameters.refuse(name, "it moves a control beside these three too, whose trim the flight does not show")
+            continue
         if autopilot == "px4" and servo > 2 * OUTPUTS:
             parameters.refuse(name, "a servo on UAVCAN has no centre among PX4's parameters: set it in the servo")
             continue

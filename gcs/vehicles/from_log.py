@@ -11,6 +11,7 @@ from gcs.flights.autopilot_settings import filled, parameters_of
 from gcs.flights.streams import sender_of
 from gcs.recording.reader import Recording
 from gcs.vehicles.document import ControlAnswer, ServoAnswer
+from sim_vehicle.vehicle.controls import CONTROL_NAMES
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 
 
@@ -31,7 +32,7 @@ def controls_in(path: Path, log: str) -> dict[str, ControlAnswer]:
         )
     answers = {}
     for name, control in found.items():
-        factor = 100.0 if name == "throttle" else math.degrees(1.0)
+        factor = 100.0 if name == "throttle" else math.degrees(1.0) if name in CONTROL_NAMES else 1.0
         servos = tuple(
             ServoAnswer(servo, xs, tuple(round(factor * y, 2) for y in ys), weight)
             for servo, xs, ys, weight in zip(control.servos, control.pwm, control.deflection, control.mix, strict=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from gcs.vehicles.figures import figures
-from sim_vehicle.vehicle.controls import output_name
+from sim_vehicle.vehicle.controls import CONTROL_NAMES, output_name
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 
 
@@ -20,9 +20,12 @@ def vehicle_lines(vehicle: Vehicle) -> list[str]:
     for name, control in vehicle.controls.items():
         low, high = control.limits
         unit, factor = ("%", 100.0) if name == "throttle" else ("deg", math.degrees(1.0))
+        if name not in CONTROL_NAMES:
+            unit, factor = "(rad or a share, as the file has it)", 1.0
         servos = ", ".join(map(output_name, control.servos))
         pulses = " and ".join(f"{min(us):g} to {max(us):g}" for us in control.pwm)
-        travel = f"{factor * low:.1f} to {factor * high:.1f} {unit}"
+        places = 1 if name in CONTROL_NAMES else 3
+        travel = f"{factor * low:.{places}f} to {factor * high:.{places}f} {unit}"
         lines.append(f"  {name}: servo {servos}, {pulses} us, {travel} ({control.signal})")
     if not vehicle.controls:
         lines.append("  no controls: they are taken from the autopilot's parameters where a log holds them")

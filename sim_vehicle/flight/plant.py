@@ -108,15 +108,19 @@ class Plant:
     def state_at(self, x: Array, command: Array, surfaces: Array) -> PlantState:
         """State with actuators at rest at `command` and surfaces as given, sensors settled.
 
-        Controls of other names than de, da, dr and throttle stand behind these four in both, or at 0.
+        Controls of other names than de, da, dr and throttle stand behind these four in both; else at 0, each motor at
+        the throttle.
         """
         actuators = np.zeros(ACTUATOR_SIZE)
         start_actuators(command, actuators)
         commands = np.tile(self._row(np.asarray(command, dtype=np.float64)), (HISTORY, 1))
-        surfaces = np.append(surfaces, np.zeros(max(4 + self._named - len(surfaces), 0)))
+        if len(surfaces) == 4:
+            motors = self.vehicle.motors
+            own = [float(surfaces[3]) if name in motors else 0.0 for name in self.vehicle.named_inputs]
+            surfaces = np.append(surfaces, own)
         state = PlantState(
             np.array(x, dtype=np.float64), actuators, np.zeros(SENSOR_SIZE), commands,
-            surfaces, np.zeros(WORK_SIZE + self._mean.size - 4), np.zeros(len(CHANNELS)),
+            np.array(surfaces, dtype=np.float64), np.zeros(WORK_SIZE + self._mean.size - 4), np.zeros(len(CHANNELS)),
         )  # fmt: skip
         self.evaluate(state, _STILL, _STILL, 0.0)
         return state

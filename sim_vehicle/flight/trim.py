@@ -50,10 +50,12 @@ def _state(plant: Plant, unknowns: Array, airspeed: float, altitude: float) -> P
     x[3], x[5] = airspeed * math.cos(alpha), airspeed * math.sin(alpha)
     x[6:10] = quaternion(phi, theta, 0.0)
     x[13] = alpha
-    named = count_named(plant.flat.F)  # controls of other names stand at 0
+    named = count_named(plant.flat.F)
+    # Controls of other names stand at 0, and each motor at the throttle.
+    own = [unknowns[6] if name in plant.vehicle.motors else 0.0 for name in plant.vehicle.named_inputs[:named]]
     return PlantState(
         x, np.zeros(ACTUATOR_SIZE), np.zeros(SENSOR_SIZE), np.zeros((HISTORY, 4)),
-        np.append(unknowns[3:], np.zeros(named)), np.zeros(WORK_SIZE + named), np.zeros(len(CHANNELS)),
+        np.append(unknowns[3:], own), np.zeros(WORK_SIZE + named), np.zeros(len(CHANNELS)),
     )  # fmt: skip
 
 

@@ -16,10 +16,11 @@ MAX_FACTORS = 4
 POLAR = "CD_k"
 
 _TOKEN = re.compile(r"^(alphadot|alpha|beta|p|q|r|de|da|dr|CL|throttle)([2-4]?)$")
-_CONTROL = re.compile(r"^[A-Za-z][A-Za-z0-9_]*$")
+_CONTROL = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 # What a control of another name must not begin with, or a product of both could be read in two ways.
 _TAKEN = re.compile(r"^((alphadot|alpha|beta|p|q|r|de|da|dr|CL|throttle)[0-9]*|k|elevator|aileron|rudder)(_|$)")
-_MISSPELT = 0.75
+# As alike as this it is taken for a slip of a regressor.
+_MISSPELT = 0.8
 
 
 @dataclass(frozen=True)
@@ -41,8 +42,11 @@ class Term:
 
 
 def may_name_control(name: str) -> bool:
-    """Whether coefficients can be named after a control of this name: it is no regressor, and begins with none."""
-    return bool(_CONTROL.match(name)) and not _TAKEN.match(name)
+    """Whether coefficients can be named after a control of this name: it is no regressor nor spelt nearly as one, and
+    begins with none.
+    """
+    alike = get_close_matches(name.casefold(), REGRESSORS, 1, _MISSPELT)
+    return bool(_CONTROL.fullmatch(name)) and not _TAKEN.match(name) and not alike
 
 
 def parse_term(name: str) -> Term:
@@ -64,7 +68,7 @@ def parse_term(name: str) -> Term:
         match = _TOKEN.match(token)
         if match is None:
             control = "_".join(tokens[place:])
-            if not may_name_control(control) or get_close_matches(control, REGRESSORS, 1, _MISSPELT):
+            if not may_name_control(control):
                 known = ", ".join(REGRESSORS)
                 raise ModelFileError(
                     f"coefficient {name!r}: {token!r} is none of 0, k (CD only), {known}, nor the name of a control"

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sim_vehicle.model.aerodynamic_terms import may_name_control
 from sim_vehicle.physics.layout import MOST_CONTROLS
+from sim_vehicle.vehicle.second_sensors import SECOND_SENSORS
 from sim_vehicle.vehicle.strict_toml import NOT_SAID, Known, Table
 
 Array = NDArray[np.float64]
@@ -29,10 +30,11 @@ MOTOR_MOMENTS = ("motor_roll", "motor_pitch", "motor_yaw")
 
 # As alike as this a name is taken for a slip of one of the four.
 _MISSPELT = 0.85
-# Signals that no control may be named as.
+# What no control may be named as: signals, and parts and constants of exported aircraft.
 _OTHER_SIGNALS = frozenset(
     (
-        *(
+        *[
+            "V",
             "airspeed",
             "true_airspeed",
             "phi",
@@ -46,10 +48,31 @@ _OTHER_SIGNALS = frozenset(
             "rdot",
             "thrust",
             "rpm",
-        ),
-        *("altitude", "height", "north", "east", "down", "vn", "ve", "vd", "time", "differential_pressure", "V"),
-        *("static_pressure", "temperature", "air_density", "voltage", "current", "motor_thrust"),
+            "torque",
+            "motor_thrust",
+        ],
+        *[
+            "altitude",
+            "height",
+            "north",
+            "east",
+            "down",
+            "vn",
+            "ve",
+            "vd",
+            "time",
+            "lat",
+            "lon",
+            "gps_altitude",
+            "gps_east",
+            "gps_north",
+            "wind",
+            "start",
+        ],
+        *["differential_pressure", "static_pressure", "temperature", "air_density", "voltage", "current"],
+        *["propeller", "mass", "Ixx", "Iyy", "Izz", "Ixz", "S", "b", "c", "gravity", "max_thrust", "max_step"],
         *MOTOR_MOMENTS,
+        *SECOND_SENSORS,
     )
 )
 _SERVO = re.compile(r"^(servo|adc)\d+$")

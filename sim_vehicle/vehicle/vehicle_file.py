@@ -214,6 +214,8 @@ def _read_thrust(top: Table, controls: Mapping[str, Control]) -> tuple[Propulsio
     for name in motors:
         if name not in controls or name in CONTROL_NAMES:
             raise table.error(name, f"is a motor that no control moves: give [controls.{name}] its servo")
+    if bare := [name for name, one in motors.items() if not one.line_known]:
+        raise table.error(bare[0], "needs its line: a point that its thrust passes through, m, forward, right, down")
     alike = {(one.inclination, bool(one.CT)) for one in motors.values()}
     if len(alike) > 1:
         raise table.error(next(iter(motors)), "and the other motors need one inclination and one kind of law (CT or"

@@ -40,7 +40,7 @@ from sysid.quality.estimate_rules import SeenEstimate, with_estimate
 from sysid.quality.flight_quality import NOTHING_SEEN, Quality
 from sysid.quality.flight_rules import flights_quality
 from sysid.signal_check.fault import Mistake
-from sysid.signals.flight import FlightSignals, moved_controls
+from sysid.signals.flight import FlightSignals, moved_controls, standing_controls
 from sysid.signals.preparation import MAX_STRETCH_S, Prepared, require_thrust, unmeasured_thrust
 from sysid.signals.record import SURFACES, has_positions
 from sysid.signals.sensor_errors import SENSOR_ERRORS
@@ -336,7 +336,9 @@ def _pose(asked: Request, prepared: Sequence[Prepared], compatible: Compatibilit
     # In rough air velocity over ground holds the gusts too, which the estimate in still air does not know.
     calm = compatible.gust_sigma == 0.0
     surfaces = [name for name in SURFACES if any(name in flight.data for flight in prepared)]
-    named = moved_controls(vehicle.named_controls, (flight.data.columns for flight in prepared))
+    settings = [flight.data.columns for flight in prepared]
+    named = moved_controls(vehicle.named_controls, settings)
+    warnings += standing_controls(vehicle.named_controls, settings)
     if structure is None:
         structure = Model(vehicle.name, {name: Coefficient(0.0) for name in default_structure(surfaces, named)})
     dead: dict[str, str] = {}

@@ -22,6 +22,7 @@ from sim_vehicle.flight.trim import solve_trim
 from sim_vehicle.model.model_file import Coefficient, Model
 from sim_vehicle.physics.layout import Aux
 from sim_vehicle.physics.rotation import quaternion
+from sim_vehicle.vehicle.controls import MOTOR_MOMENTS
 from sim_vehicle.vehicle.propulsion import Propulsion
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
@@ -366,21 +367,23 @@ def _state_space(
     u0 = np.asarray(trim.state.surfaces[: len(INPUTS) + len(vehicle.named_inputs)], dtype=np.float64)
     matrix_x = np.empty((len(STATES) + 3, len(STATES)))
     # What one of several motors does goes by their laws, and the throttle is that of all.
-    inputs = (*INPUTS, *(name for name in vehicle.named_controls if not vehicle.motors))
+    every = (*INPUTS, *vehicle.named_inputs)
+    places = [j for j, name in enumerate(every) if name not in (*vehicle.motors, *MOTOR_MOMENTS)]
+    inputs = tuple(every[j] for j in places)
     matrix_u = np.empty((len(STATES) + 3, len(inputs)))
-    for matrix, at, count in ((matrix_x, x0, len(STATES)), (matrix_u, u0, len(inputs))):
-        for j in range(count):
+    for matrix, at, moving in ((matrix_x, x0, list(range(len(STATES)))), (matrix_u, u0, places)):
+        for j, place in enumerate(moving):
             sides = []
             for sign in (1.0, -1.0):
                 moved = at.copy()
-                moved[j] += sign * _STEP
+                moved[place] += sign * _STEP
                 x, u = (moved, u0) if matrix is matrix_x else (x0, moved)
                 sides.append(_rates(plant, work, x, u))
             matrix[:, j] = (sides[0] - sides[1]) / (2.0 * _STEP)
     n = len(STATES)
     C = np.vstack((np.eye(n), matrix_x[n:]))
     D = np.vstack((np.zeros((n, len(inputs))), matrix_u[n:]))
-    trimmed = {**dict(zip(STATES, x0.tolist(), strict=True)), **dict(zip(inputs, u0.tolist(), strict=False))}
+    trimmed = {**dict(zip(STATES, x0.tolist(), strict=True)), **dict(zip(inputs, u0[places].tolist(), strict=True))}
     return StateSpace(matrix_x[:n], matrix_u[:n], C, D, airspeed, density, trimmed, inputs), trim
 
 

@@ -31,7 +31,7 @@ from sysid.problem.coefficient_residuals import moment_noise
 from sysid.problem.estimation_problem import coefficient_entries, flying
 from sysid.problem.formulation import corrected_parts, known_before
 from sysid.problem.model_structure import default_structure, helpful_manoeuvre, not_believed, not_identified
-from sysid.signals.flight import FlightSignals, moved_controls
+from sysid.signals.flight import FlightSignals, moved_controls, standing_controls
 from sysid.signals.preparation import Prepared
 from sysid.signals.record import SURFACES
 from sysid.signals.sensor_groups import ACCEL
@@ -95,9 +95,9 @@ def _identified(
     seen = flown(read, vehicle, known)
     prepared, compatible, parts, warnings = seen.prepared, seen.compatible, seen.parts, list(seen.warnings)
     surfaces = [name for name in SURFACES if any(name in part.inputs for part in parts)]
-    named = moved_controls(
-        vehicle.named_controls, ({name: part.inputs[name].values for name in part.named} for part in parts)
-    )
+    settings = [{name: part.inputs[name].values for name in part.named} for part in parts]
+    named = moved_controls(vehicle.named_controls, settings)
+    warnings += standing_controls(vehicle.named_controls, settings)
     if structure is None:
         structure = Model(vehicle.name, {name: Coefficient(0.0) for name in default_structure(surfaces, named)})
     before = known_before(asked.prior, structure, warnings)

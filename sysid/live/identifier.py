@@ -330,6 +330,10 @@ class LiveIdentifier:
         there = {name for name, at in self._seen.items() if name in CORE or at > now - _LOST_S}
         thrust = self._thrust.source(there)
         self._refused = refusals(self._names, self._surfaces, there, thrust)
+        if self._vehicle.motors:
+            # The regression knows no arms and no torques; the window does.
+            why = ("what several motors do is known to the estimate of the last half minute alone", "")
+            self._refused |= {name: why for name in self._names if not name.startswith("CY")}
         if not there >= set(CORE) - self._dispensable:
             return  # once more a while later: a sensor may be switched on after the radio
         needed = [*CORE, *OPTIONAL, *self._surfaces, *self._thrust.signals]

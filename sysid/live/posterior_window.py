@@ -57,8 +57,6 @@ _ANGLES = ("alpha", "beta")
 _FEWEST = 10  # samples of a signal
 # Nuisances that are scale errors of sensors: what they are without an error, and what the error is called.
 _NULL = {"alpha_scale": 1.0, "beta_scale": 1.0, "airspeed_error": 0.0}
-# Nuisances that make up how late a surface follows its command, and the sign by which each counts.
-_SERVO = {"servo_delay": 1.0, "servo_lag": 1.0, "command_clock": -1.0}
 # Times as uncertain as the servos were known, up to which a newer window's word of them counts.
 _AS_SURE = 2.0
 # Standard errors of a window and of what was known, beyond which the two are not of one aircraft.
@@ -80,7 +78,8 @@ class WindowEstimate:
     """The estimate of a window. begin_s, end_s: of the window. cost_s: CPU. problem: why there is nothing, else "".
 
     coefficients: those estimated, and why others are not known. nuisances: what stands between aircraft and log.
-    ends: group of axes -> unknown -> its value. again_s: length of a window that is worth it at once, s.
+    ends: group of axes -> unknown -> its value. late: group -> by how much its surfaces follow their commands late, s,
+    and its standard error. again_s: length of a window that is worth it at once, s.
     """
 
     begin_s: float
@@ -91,6 +90,7 @@ class WindowEstimate:
     problem: str = ""
     ends: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     again_s: float = np.inf
+    late: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
 def estimate_window(
@@ -131,7 +131,8 @@ def estimate_window(
             value, spread = np.nan, np.inf  # refused for what no bar shows: no number stands for it
         words = ("", "") if reason is None else (reason.reason, reason.manoeuvre)
         statuses[name] = CoefficientStatus(name, value, spread, reason is None, *words)
-    return WindowEstimate(begin_s, end_s, time.process_time() - began, statuses, found.nuisances, "", _ends(found))
+    return WindowEstimate(begin_s, end_s, time.process_time() - began, statuses, found.nuisances, "", _ends(found),
+                          late=found.lateness())  # fmt: skip
 
 
 def _ends(found: PosteriorEstimate) -> dict[str, dict[str, float]]:
@@ -187,7 +188,7 @@ class SlidingWindow:
         self._begin = self._end = self._asked = self._newest = -np.inf
         self._running: Future[WindowEstimate] | None = None
         self._known: dict[str, tuple[float, CoefficientStatus]] = {}
-        self._of_servos: dict[str, tuple[NuisanceEstimate, ...]] = {}
+        self._of_servos: dict[str, tuple[float, float]] = {}
         self.found: WindowEstimate | None = None
         # CPU that was spent elsewhere, s.
         self.cost_s = 0.0
@@ -283,11 +284,7 @@ class SlidingWindow:
 
         A window that lies across a change of the aircraft is neither's: it says nothing of servos.
         """
-        return {
-            surface: sum(_SERVO[one.name] * one.value for one in every if one.name in _SERVO)
-            for group, every in self._of_servos.items()
-            for surface in SURFACES_OF[group]
-        }
+        return {surface: late for group, (late, _) in self._of_servos.items() for surface in SURFACES_OF[group]}
 
     def _accept(self, done: Future[WindowEstimate]) -> None:
         try:
@@ -308,18 +305,17 @@ class SlidingWindow:
         )
         self.found = found
         for group in SURFACES_OF:
-            own = [one for one in found.nuisances if one.group == group]
-            if own and self._is_as_before(group, found.coefficients) and self._is_as_sure(group, own):
-                self._of_servos[group] = tuple(own)
+            own = found.late.get(group)
+            if own is not None and self._is_as_before(group, found.coefficients) and self._is_as_sure(group, own[1]):
+                self._of_servos[group] = own
         self._known |= {name: (found.end_s, one) for name, one in found.coefficients.items() if one.known}
 
-    def _is_as_sure(self, group: str, now: Sequence[NuisanceEstimate]) -> bool:
+    def _is_as_sure(self, group: str, std: float) -> bool:
         """Whether a window knows about as well as one before how late the surfaces follow.
 
         One that lies across a change may be right in what it still knows, and explain the change by servos.
         """
-        before = self._of_servos.get(group, ())
-        return not before or _servo_std(now) <= _AS_SURE * _servo_std(before)
+        return group not in self._of_servos or std <= _AS_SURE * self._of_servos[group][1]
 
     def _doubted(self, name: str, one: CoefficientStatus) -> CoefficientStatus:
         """An estimate, not known where it contradicts what was known and no change has been found.
@@ -364,8 +360,3 @@ class SlidingWindow:
             if inside.any():
                 cut[name] = (stamps[inside], np.concatenate([v for _, v in kept])[inside])
         return cut
-
-
-def _servo_std(every: Sequence[NuisanceEstimate]) -> float:
-    """Standard error of how late surfaces follow, s."""
-    return hypot(*(one.std for one in every if one.name in _SERVO))

@@ -30,6 +30,7 @@ from sysid.posterior.estimates import (
 from sysid.posterior.estimator import MAX_PASSES, Posterior
 from sysid.posterior.flight_part import FlightPart, held_between, outputs_of, with_flow, with_vane
 from sysid.posterior.group_model import SERVO, GroupModel
+from sysid.posterior.inputs import SHORTEST_LAG_S
 from sysid.posterior.likelihood import Prior
 from sysid.posterior.nuisance_priors import (
     FLOW_OF,
@@ -120,7 +121,7 @@ class _GroupSearch:
         model = self.model.of(parts)
         posterior = self.posterior.of(model.rough())
         # From where the curve led, half a sample earlier; and from a servo that follows at once.
-        starts = [self._with_servo(lambda s: max(s - 0.5 * interval_s, 0.0), 1.0), self._with_servo(lambda _: 0.0, 0.0)]
+        starts = [self._with_servo(lambda s: s - 0.5 * interval_s, 1.0), self._with_servo(lambda _: 0.0, 0.0)]
         with suppress(EstimationError):
             theta = posterior.search(min(starts, key=posterior.profile_cost), _FIRST_PASSES)
             if posterior.profile_cost(theta) < self.posterior.profile_cost(self.theta):
@@ -155,7 +156,10 @@ class _GroupSearch:
     def ended(self, fine: bool) -> GroupEstimate:
         """The group, estimated, on the full grid or on half of it."""
         posterior = self.posterior.of(self.model if fine else self.model.rough())
-        return GroupEstimate(posterior, posterior.solve(self.theta, self.doubts), self.doubts)
+        # A lag too short for any log is none: it would not be distinguished from the delay.
+        lag = self.values().get(_LAG, 0.0)
+        start = self._with_servo(lambda delay: delay, 0.0) if lag < SHORTEST_LAG_S else self.theta
+        return GroupEstimate(posterior, posterior.solve(start, self.doubts), self.doubts)
 
 
 def _seen(parts: Sequence[FlightPart], found: Mapping[str, GroupEstimate], vehicle: Vehicle) -> list[FlightPart]:
@@ -172,8 +176,10 @@ def _seen(parts: Sequence[FlightPart], found: Mapping[str, GroupEstimate], vehic
 
 
 def _again(before: GroupEstimate, parts: Sequence[FlightPart]) -> GroupEstimate:
-    """The estimate of a group from where it stood, with other motion imposed."""
-    posterior = before.posterior.of(before.posterior.model.of(parts))
+    """The estimate of a group from where it stood, with other motion imposed; commands as it had them."""
+    model = before.posterior.model
+    pairs = zip(parts, model.parts, strict=True)
+    posterior = before.posterior.of(model.of([replace(one, inputs=own.inputs) for one, own in pairs]))
     start = np.concatenate((before.result.theta, before.result.states))
     return GroupEstimate(posterior, posterior.solve(start, before.doubts), before.doubts)
 
@@ -183,7 +189,18 @@ def excited(parts: Sequence[FlightPart], least: float = LEAST_TRAVEL) -> frozens
     [rad] in some part.
     """
     names = {*SURFACES, *(name for part in parts for name in part.named)}
-    return frozenset(name for name in names if any(part.travel(name) > least for part in parts))
+    return frozenset(name for name in names if _travel(parts, name) > least)
+
+
+def _travel(parts: Sequence[FlightPart], name: str) -> float:
+    """Standard deviation of a command in the part where it is largest; of a control of another name through all parts,
+    for one that stands elsewhere in each flight has moved, and no level of a part stands for it.
+    """
+    largest = max(part.travel(name) for part in parts)
+    if not any(name in part.named for part in parts):
+        return largest
+    every = [part.inputs[name].at(part.common.points) for part in parts if name in part.inputs]
+    return max(largest, float(np.std(np.concatenate(every))))
 
 
 def stirred_in(parts: Sequence[FlightPart]) -> frozenset[str]:
@@ -193,7 +210,8 @@ def stirred_in(parts: Sequence[FlightPart]) -> frozenset[str]:
         for part in parts
         for name in (*SURFACES, *part.named)
         if name in part.inputs
-        and part.travel(name) > min(LEAST_TRAVEL, max(_STILL, _RESOLUTIONS * part.inputs[name].resolution))
+        and _travel(parts if name in part.named else [part], name)
+        > min(LEAST_TRAVEL, max(_STILL, _RESOLUTIONS * part.inputs[name].resolution))
     )
 
 
@@ -238,7 +256,9 @@ def estimate(
             continue
         named = {control for name in own if (control := parse_term(name).control)}
         still = {*SURFACES_OF[group], *named} - stirred
-        whole = bool({*SURFACES_OF[group], *named} & moved)
+        # What a control of another name does is distinguished from the motion where the group's surfaces are known.
+        described = any(name in part.inputs for part in parts for name in SURFACES_OF[group])
+        whole = bool(set(SURFACES_OF[group]) & moved) or (described and bool(named & moved))
         names = [name for name in own if whole and not still & set(parse_term(name).factors)]
         unexcited += [name for name in own if name not in names]
         outputs = outputs_of(group, parts)

@@ -14,7 +14,8 @@ from sysid.posterior.closed_loop import SHORTEST_LOOP_S
 from sysid.posterior.considered_errors import ConsiderParameter
 from sysid.posterior.estimator import Posterior, PosteriorResult
 from sysid.posterior.group_model import OF_SURFACES
-from sysid.posterior.nuisance_priors import MOVING_MASS, PRODUCT_INERTIA
+from sysid.posterior.inputs import InputSignal
+from sysid.posterior.nuisance_priors import MOVING_MASS, PRODUCT_INERTIA, SURFACES_OF
 from sysid.posterior.reported_spectrum import NoiseSpectrum
 from sysid.problem.vehicle_errors import is_stated
 from sysid.signals.sensor_errors import SENSOR_ERRORS
@@ -118,6 +119,30 @@ class PosteriorEstimate:
             for one in ([flight] if flight in flown else flown)
         ]
         return tuple(float(np.mean([one[key] for one in every])) for key in OF_SURFACES)
+
+    def lateness(self) -> dict[str, tuple[float, float]]:
+        """By how much the surfaces of a group follow their commands late, s, and its standard error: delay and lag of
+        the servo together, which a short flight does not distinguish. Of several flights that of the first.
+        """
+        found = {}
+        for group, one in self.groups.items():
+            flight = one.posterior.model.parts[0].flight
+            unknowns = enumerate(one.posterior.model.unknowns, len(one.posterior.model.parameters))
+            own = [i for i, each in unknowns if each.name in ("servo_delay", "servo_lag") and each.acts_on(flight)]
+            values = one.nuisances(flight)
+            std = float(np.sqrt(max(one.result.covariance[np.ix_(own, own)].sum(), 0.0)))
+            found[group] = (values["servo_delay"] + values["servo_lag"], std)
+        return found
+
+    def as_sent(self, inputs: Mapping[str, InputSignal]) -> dict[str, InputSignal]:
+        """Commands of a flight as the estimate took those of its own: staying from stamp to stamp, or a curve."""
+        found = dict(inputs)
+        for group, one in reversed(list(self.groups.items())):
+            taken = one.posterior.model.parts[0]
+            for name in (*SURFACES_OF[group], *taken.named):
+                if name in found and name in taken.inputs:
+                    found[name] = replace(found[name], kind=taken.inputs[name].kind)
+        return found
 
     def sensor_errors(self, share: float = np.inf) -> dict[str, tuple[float, float, str]]:
         """Value, standard error and unit of the zeros and gains of sensors that the estimate stands on; of those that

@@ -25,7 +25,7 @@ from sysid.signals.rounding import rounding_of, unrounded
 
 SERVO_DAMPING = 0.8  # of a servo of second order
 # Shorter lags than this make no difference to anything a log can show, s.
-_SHORTEST_LAG_S = 5e-4
+SHORTEST_LAG_S = 5e-4
 # Longest interval at which a control loop sends its commands, s (50 Hz; a fifth for jitter).
 LOOP_INTERVAL_S = 0.024
 # Share of its travel that a command makes in steps, each between samples at rest, from which on it is one that steps.
@@ -175,7 +175,7 @@ def servo(
     """
     h = float(grid[1] - grid[0])
     behind = commanded.at(grid - delay, h, rounded)
-    if lag > _SHORTEST_LAG_S:
+    if lag > SHORTEST_LAG_S:
         omega = 2.0 * SERVO_DAMPING / lag
         # State, input and its rise over one step: exact for an input that goes in straight lines.
         A = np.zeros((4, 4))

@@ -101,7 +101,7 @@ def excited_motion(records: Sequence[Record], lost: Collection[str] = ()) -> Mot
     lateral = bool(max(travel[1], travel[2]) > QUIET_SURFACE)
     still = frozenset(name for name, moved in zip(SURFACES, travel, strict=True) if moved < STILL_SURFACE)
     for j, name in enumerate(records[0].named, 4):
-        if max(float(np.ptp(record.commands[:, j])) for record in records) < STILL_SURFACE:
+        if float(np.ptp(np.concatenate([record.commands[:, j] for record in records]))) < STILL_SURFACE:
             still |= {name}
     longitudinal = (bool(travel[0] > QUIET_SURFACE) or not lateral) and "longitudinal" not in lost
     lateral = lateral and "lateral" not in lost

@@ -63,6 +63,36 @@ def moved_controls(named: Sequence[str], flights: Iterable[Mapping[str, Array]])
     return [name for name in named if seen.get(name) and float(np.ptp(seen[name])) > _LEAST_RANGE]
 
 
+def standing_controls(named: Sequence[str], flights: Iterable[Mapping[str, Array]]) -> list[str]:
+    """A line for each control of another name that stood somewhere else than at 0 throughout: what it did is in the
+    constants.
+
+    Parameters
+    ----------
+    named : sequence of str
+        The vehicle's controls of other names.
+    flights : iterable of Mapping of str to Array, shape (N,) each
+        As for `moved_controls`.
+
+    Returns
+    -------
+    list of str
+        One line each.
+    """
+    flights = list(flights)
+    moved = moved_controls(named, flights)
+    lines = []
+    for name in (one for one in named if one not in moved):
+        values = np.concatenate([np.zeros(0), *(one[name] for one in flights if name in one)])
+        at = float(np.nanmedian(values)) if np.isfinite(values).any() else 0.0
+        if abs(at) > _LEAST_RANGE:
+            lines.append(
+                f"{name} stood at {at:.2g} throughout: what it does is in CL_0, CD_0, Cm_0 and their like; the model"
+                " holds for that setting"
+            )
+    return lines
+
+
 # Nobody flies test inputs in so many seconds.
 _NO_FLIGHT_S = 10.0
 

@@ -120,11 +120,16 @@ def behind_motor(throttle: Array, interval_s: float, tau: float) -> Array:
 
 def with_motors(data: FlightData, vehicle: Vehicle) -> FlightData:
     """The flight with what several motors do by their laws: `motor_thrust`, N, the moments of MOTOR_MOMENTS,
-    dimensionless, and their throttles behind their lags; itself where the vehicle has one, or the throttle of one was
-    not recorded.
+    dimensionless, and their throttles behind their lags; itself where the vehicle has one. Raises SignalError where the
+    throttle of one is missing.
     """
-    if not vehicle.motors or not all(_present(data, name) for name in (*vehicle.motors, "airspeed")):
+    if not vehicle.motors:
         return data
+    if lost := [name for name in vehicle.motors if not _present(data, name)]:
+        raise SignalError(
+            f"{data.name}: {', '.join(lost)}: the throttle of a motor is missing or breaks off, and without it what the"
+            " motors turn the aircraft by is not known: record its servo, or take by --from and --to what has it"
+        )
     rho = np.full(data.time_s.size, vehicle.environment.air_density or SEA_LEVEL_DENSITY)
     if vehicle.environment.air_density is None and "air_density" in data:
         rho = filled(data["air_density"])

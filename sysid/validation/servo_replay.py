@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -34,7 +34,8 @@ def with_estimated_deflections(
     moved = []
     for flight, own in zip(prepared, signals, strict=True):
         first, last = flight.stretches[0].record.time_s[0], flight.stretches[-1].record.time_s[-1]
-        inputs, _ = inputs_of(own, vehicle, float(first) - PRE_ROLL_S - _MARGIN_S, float(last) + _MARGIN_S)
+        logged, _ = inputs_of(own, vehicle, float(first) - PRE_ROLL_S - _MARGIN_S, float(last) + _MARGIN_S)
+        inputs = found.as_sent(logged)
         of_group = {group: found.servos(group, flight.data.name) for group in GROUPS}
         servos = {
             surface: values
@@ -56,7 +57,7 @@ def with_estimated_deflections(
     return moved
 
 
-def _moved(record: Record, inputs: dict[str, InputSignal], servos: dict[str, tuple[float, ...]]) -> Record:
+def _moved(record: Record, inputs: Mapping[str, InputSignal], servos: dict[str, tuple[float, ...]]) -> Record:
     commands = record.commands.copy()
     begin = float(record.time_s[0]) - record.start * record.interval_s
     for j, name in enumerate((*SURFACES, "throttle", *record.named)):

@@ -112,12 +112,21 @@ def test_a_control_on_the_second_port_is_recorded_and_read_as_on_the_first(tmp_p
 
 
 def test_what_moves_and_is_no_control_is_named() -> None:
-    craft = filled(bare(), PLANE | {"SERVO5_FUNCTION": 2, "SERVO6_FUNCTION": 33})
+    craft = filled(bare(), PLANE | {"SERVO5_FUNCTION": 16, "SERVO6_FUNCTION": 33})
     told = [line for line in craft.warnings if "which is no control of the model" in line]
     assert [line.split(",")[0] for line in told] == [
-        "servo 5 is a flap by the log's parameters (SERVO5_FUNCTION = 2)",
+        "servo 5 is a differential spoiler by the log's parameters (SERVO5_FUNCTION = 16)",
         "servo 6 is motor 1 by the log's parameters (SERVO6_FUNCTION = 33)",
     ]
+
+
+def test_a_flap_is_a_control_of_its_own() -> None:
+    """A share of its travel, so that none has to be guessed."""
+    own = {"SERVO6_FUNCTION": 3, "SERVO6_MIN": 1000.0, "SERVO6_MAX": 2000.0, "SERVO6_REVERSED": 1.0}
+    craft = filled(bare(), PLANE | own)
+    assert craft.named_controls == ("flap",)
+    assert [float(craft.controls["flap"].deflection_from_pwm(us)) for us in (2000.0, 1250.0)] == [0.0, 0.75]
+    assert "flap" not in " ".join(line for line in craft.warnings if "is not in the log" in line)
 
 
 def test_what_the_file_gives_stays() -> None:

@@ -59,8 +59,8 @@ def test_what_is_left_out_is_asked_for_in_a_terminal(tmp_path: Path) -> None:
     [
         (["new", "-o", "x.toml"], "--mass, --span, --area: missing, and there is no terminal to ask in"),
         (["new", "-o", "x.toml", "--mass", "1kg", "--span", "1", "--area", "0.2"], "--mass 1kg: give numbers"),
-        (["new", "-o", "x.toml", "--mass", "1", "--span", "1", "--area", "0.2", "--control", "flap=1:1,2:3,4"],
-         "--control flap=1:1,2:3,4: give NAME=SERVO"),
+        (["new", "-o", "x.toml", "--mass", "1", "--span", "1", "--area", "0.2", "--control", "alpha=1:1,2:3,4"],
+         "--control alpha=1:1,2:3,4: give NAME=SERVO"),
         (["new", "-o", "x.toml", "--mass", "1", "--span", "1", "--area", "0.2", "--inertia", "1,2"], "Ixx,Iyy,Izz"),
         (["new", "-o", "x.toml", "--mass", "1", "--span", "0", "--area", "0.3"], "--span 0.0: give a positive number"),
         (["new", "-o", "x.toml", "--mass", "1", "--span", "nan", "--area", "0.3"], "--span nan: give finite numbers"),

@@ -18,6 +18,7 @@ from sim_vehicle.model.model_file import Model, read_model
 from sim_vehicle.vehicle.motors import motor_loads
 from sim_vehicle.vehicle.vehicle_file import VEHICLES, Vehicle, vehicle_from_text
 from sysid.design.simulated_flight import rehearse
+from sysid.errors import SignalError
 from sysid.identification.identify import identify
 from sysid.signals.flight import FlightSignals, moved_controls
 
@@ -67,6 +68,41 @@ def test_equation_error_gives_moments_to_two_percent() -> None:
     found, truth = identify([signals], aircraft.vehicle, method="ee").model.values(), aircraft.model.values()
     for name in ("Cl_left_spoiler", "Cn_thrust_difference"):
         assert found[name] == pytest.approx(truth[name], rel=0.02), name
+
+
+@pytest.mark.parametrize("method", ["ee", "oe", "map"])
+def test_a_flap_that_stands_elsewhere_in_each_flight_is_known_from_both(method: str) -> None:
+    aircraft = named_aircraft(44)
+    flights = []
+    for seed, flap in ((1, 0.0), (2, 0.25)):
+
+        def still(times: np.ndarray, generator: np.random.Generator, flap: float = flap) -> dict[str, np.ndarray]:
+            return {**dict.fromkeys(EFFECTS, np.zeros(times.size)), "flap": np.where(times > 0.5, flap, 0.0)}
+
+        with TemporaryDirectory() as folder:
+            flown = fly(Path(folder), aircraft, seed, 30.0, named=still)
+        signals = measure(flown, seed, f"set-{seed}")[0]
+        # What is logged begins after it was set.
+        late = {name: replace(one, time_s=one.time_s[100:], values=one.values[100:])
+                for name, one in signals.signals.items() if one.time_s.size > 500}  # fmt: skip
+        flights.append(replace(signals, signals=late))
+    found = identify(flights, aircraft.vehicle, method=method)
+    entry, truth = found.model.coefficients["CL_flap"], aircraft.model.values()
+    assert entry.value is not None
+    assert entry.std is not None
+    assert abs(entry.value - truth["CL_flap"]) < 3.0 * entry.std
+    assert entry.std < 0.2 * truth["CL_flap"]
+    alone = identify(flights[1:], aircraft.vehicle, method=method)
+    assert "CL_flap" not in alone.model.coefficients
+    assert any(line.startswith("flap stood at 0.25 throughout") for line in alone.warnings)
+
+
+def test_a_motor_without_its_throttle_is_named() -> None:
+    vehicle, _, signals = twin()
+    lost = replace(signals, signals={name: one for name, one in signals.signals.items() if name != "right_motor"})
+    for method in ("oe", "map"):
+        with pytest.raises(SignalError, match="right_motor: the throttle of a motor is missing"):
+            identify([lost], vehicle, method=method)
 
 
 def test_a_control_that_did_not_move_has_no_terms() -> None:

@@ -116,8 +116,9 @@ export class Form {
       drawn.querySelector('input')?.focus()
       this.changed()
     }
-    const title = h('label', { class: 'choice' }, box, CONTROLS[name] ?? name)
-    const place = h('div', { class: 'control', role: 'group', 'aria-label': `${CONTROLS[name] ?? name}: servos` }, title)
+    const called = CONTROLS[name] ?? name
+    const title = h('label', { class: 'choice' }, box, called)
+    const place = h('div', { class: 'control', role: 'group', 'aria-label': `${called}: servos` }, title)
     if (!given) return place
     const signal = select([['command', 'the command sent to the servo'], ['position', 'its measured position']],
       given.signal, value => {
@@ -162,7 +163,8 @@ export class Form {
     const several = given.servos.length > 1
     return h('div', { class: 'grid' }, figure('servo', 'Servo output', 'From 1 to 48: AUX 1 is 17'),
       list('pwm_us', 'Pulses, µs'),
-      list('travel', name === 'throttle' ? 'Throttle there, %' : name in CONTROLS ? 'Deflection there, °' : 'Value there',
+      list('travel', name === 'throttle' ? 'Throttle there, %'
+        : name in CONTROLS ? 'Deflection there, °' : 'Value there',
         name === 'throttle' ? null : name in CONTROLS ? 'The sign is yours: keep it the same always'
           : 'In radians, or as a share of its travel: coefficients are per unit of it'),
       several && figure('mix', 'Share', 'Of its deflection in the control’s'),
