@@ -87,7 +87,7 @@ def test_every_error_is_one_line_that_says_what_to_do(tmp_path: Path) -> None:
         "is no flight: make one with": lambda: identify(COLUMNS, aircraft),  # type: ignore[arg-type]
         "no flight was given": lambda: identify([], aircraft),
         "Iyy, Izz is missing: give all": lambda: Aircraft.estimate(span=1.0, mass=1.0, Ixx=0.1),
-        "'flap' is none of elevator": lambda: Aircraft.estimate(span=1.0, mass=1.0, controls=("flap",)),
+        "'alpha' is none of elevator": lambda: Aircraft.estimate(span=1.0, mass=1.0, controls=("alpha",)),
         "give max_thrust": lambda: Aircraft.estimate(span=1.0, mass=1.0, thrust_line=(0.1, 0.0, 0.0)),
         "mass is 0.0; give a number above 0": lambda: Aircraft.estimate(span=1.0, mass=0.0),
         "leave columns and units out": lambda: Flight.read(log, units="SI"),
