@@ -7,7 +7,6 @@ LineNo, counts the lines of the whole log. Words are 0 there; `PARM` and `MSG1` 
 from __future__ import annotations
 
 import re
-import zlib
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.errors import ImportFileError
+from sysid.errors import TableError
+from sysid.tables.files import matlab_variables
 
 #: Name -> (N,) structured messages and the (N,) lines that they stand in.
 Found = dict[str, tuple[NDArray[Any], NDArray[np.int64]]]
@@ -38,14 +39,12 @@ def is_mission_planner(path: Path) -> bool:
 
 def read_matrices(path: Path) -> Found:
     """The messages of such a log; ImportFileError in one line where it cannot be read."""
-    from scipy.io import loadmat
-
     try:
-        variables = loadmat(path, squeeze_me=True)
+        variables = matlab_variables(path, str(path))
     except OSError as error:
         raise ImportFileError(f"{path} cannot be read: {error.strerror or error}") from None
-    except (ValueError, TypeError, NotImplementedError, EOFError, LookupError, zlib.error) as error:
-        raise ImportFileError(f"{path} is damaged ({' '.join(str(error).split())[:200]}); save the log anew") from None
+    except TableError as error:
+        raise ImportFileError(f"{error}; save the log anew") from None
     found: Found = {}
     for name, value in variables.items():
         labels = [str(one) for one in np.atleast_1d(variables.get(f"{name}{_LABEL}", []))]

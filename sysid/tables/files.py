@@ -341,6 +341,18 @@ def _seconds_of(ns: Any) -> Array:
     return np.asarray(float(int(ns[0]) // 1_000_000_000) + (steps + int(ns[0]) % 1_000_000_000) * 1e-9)
 
 
+def matlab_variables(path: Path, name: str) -> dict[str, Any]:
+    """The variables of a MATLAB file older than 7.3, structures as objects; TableError where it is damaged."""
+    from scipy.io import loadmat
+    from scipy.io.matlab import MatReadError
+
+    try:
+        variables: dict[str, Any] = loadmat(path, squeeze_me=True, struct_as_record=False)
+    except (MatReadError, ValueError, TypeError, NotImplementedError, EOFError, LookupError, zlib.error) as error:
+        raise TableError(f"{name}: is no MATLAB file that can be read: {_line(error)}") from None
+    return variables
+
+
 def _matlab(path: Path, name: str) -> ColumnTable:
     with path.open("rb") as file:
         head = file.read(512)
@@ -349,13 +361,7 @@ def _matlab(path: Path, name: str) -> ColumnTable:
     if head.startswith(_HDF5_MARK):
         _walk(_hdf5_variables(path, name), "", found, left_out)
     else:
-        from scipy.io import loadmat
-        from scipy.io.matlab import MatReadError
-
-        try:
-            variables = loadmat(path, squeeze_me=True, struct_as_record=False)
-        except (MatReadError, ValueError, TypeError, NotImplementedError, EOFError, LookupError, zlib.error) as error:
-            raise TableError(f"{name}: is no MATLAB file that can be read: {_line(error)}") from None
+        variables = matlab_variables(path, name)
         _walk({key: value for key, value in variables.items() if not key.startswith("__")}, "", found, left_out)
     fdata = next((array for key, array in found.items() if _last(key) == "fdata" and looks_like_fdata(array)), None)
     if fdata is not None:
