@@ -102,10 +102,14 @@ class _GroupSearch:
         start = self.theta.copy()
         names = self.model.names
         start[: len(names)] = [other.get(*one) for one in zip(names, start.tolist(), strict=False)]
+        return self._or_likelier(self, [start], passes, by)
+
+    def _or_likelier(self, other: _GroupSearch, starts: Sequence[Array], passes: int, by: float) -> _GroupSearch:
+        """The same, or where the search of another leads from the best of some starts, if that is likelier."""
         with suppress(EstimationError):
-            start = self.posterior.search(start, passes)
-            if self.posterior.profile_cost(start) < self.posterior.profile_cost(self.theta) - by:
-                return replace(self, theta=self.posterior.search(start, MAX_PASSES))
+            theta = other.posterior.search(min(starts, key=other.posterior.profile_cost), passes)
+            if other.posterior.profile_cost(theta) < self.posterior.profile_cost(self.theta) - by:
+                return replace(other, theta=other.posterior.search(theta, MAX_PASSES))
         return self
 
     def likelier_inputs(self) -> _GroupSearch:
@@ -119,14 +123,10 @@ class _GroupSearch:
         if same or self.values().get(_LAG, 0.0) > interval_s:
             return self
         model = self.model.of(parts)
-        posterior = self.posterior.of(model.rough())
+        held = replace(self, posterior=self.posterior.of(model.rough()), model=model)
         # From where the curve led, half a sample earlier; and from a servo that follows at once.
         starts = [self._with_servo(lambda s: s - 0.5 * interval_s, 1.0), self._with_servo(lambda _: 0.0, 0.0)]
-        with suppress(EstimationError):
-            theta = posterior.search(min(starts, key=posterior.profile_cost), _FIRST_PASSES)
-            if posterior.profile_cost(theta) < self.posterior.profile_cost(self.theta):
-                return replace(self, posterior=posterior, model=model, theta=posterior.search(theta, MAX_PASSES))
-        return self
+        return self._or_likelier(held, starts, _FIRST_PASSES, 0.0)
 
     def _with_servo(self, delay: Callable[[float], float], lag: float) -> Array:
         """Where the search stands, its servos with other delays, s, and so many times their lag."""
