@@ -37,8 +37,8 @@ from sim_vehicle.vehicle.packed_model import flatten
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.compatibility.reconstruction import check_compatibility
 from sysid.discrepancy import discrepancy
-from sysid.discrepancy.by_filter_error.baseline import BENCH, NUISANCE, SUB_STEPS
-from sysid.discrepancy.by_filter_error.candidate_fits import fitted
+from sysid.discrepancy.innovations.candidate_fits import fitted
+from sysid.discrepancy.innovations.posed_flights import BENCH, NUISANCE, SUB_STEPS
 from sysid.problem.estimation_problem import MAX_RUN_S, free_coefficients, model_of
 from sysid.problem.formulation import make_problem
 from sysid.problem.free_run import Fixed

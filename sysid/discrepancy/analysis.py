@@ -1,9 +1,9 @@
 """Discrepancy: where simulation and measurement disagree, which effect is missing, and how the gap shrinks with it.
 
-Flights of the textbooks are compared by filter error (sysid.discrepancy.by_filter_error), which is nearer to the bound
-there, all others by the posterior with an estimated noise spectrum (sysid.discrepancy.by_posterior), and those of the
-textbooks too that filter error cannot follow; where it has no name it goes on from the posterior's. Which they are is
-seen as `identify` sees it.
+One search and one verdict (sysid.discrepancy.forward_selection, .verdict), under one of two noise models: flights of
+the textbooks are compared by filter error (.innovations), which is nearer to the bound there, all others with an
+estimated noise spectrum (.spectrum), and those of the textbooks too that filter error cannot follow; it tries what the
+other named. Which they are is seen as `identify` sees it.
 """
 
 from __future__ import annotations
@@ -19,12 +19,15 @@ from sim_vehicle.effects import effect_called
 from sim_vehicle.model.model_file import Model
 from sim_vehicle.vehicle.packed_model import flatten
 from sim_vehicle.vehicle.vehicle_file import Vehicle
-from sysid.discrepancy.by_filter_error import workflow as by_filter_error
-from sysid.discrepancy.comparison_types import MAX_EFFECTS, Asked, Compared, Outcome, Progress
+from sysid.discrepancy.candidate_fit import Fit
+from sysid.discrepancy.comparison import MAX_EFFECTS, Asked, Compared, Comparison, Outcome, Progress
+from sysid.discrepancy.forward_selection import SelectionState, select
 from sysid.discrepancy.gap import stage_gaps
 from sysid.discrepancy.identified_effect import effect_json
+from sysid.discrepancy.innovations import comparison as innovations
 from sysid.discrepancy.localisation import locate
 from sysid.discrepancy.summary import sentence
+from sysid.discrepancy.verdict import outcome
 from sysid.errors import SysidError
 from sysid.identification.repaired_flight import read_flights
 from sysid.numerics.threads import single_threaded
@@ -36,7 +39,6 @@ from sysid.validation.simulation_series import simulation_series
 
 __all__ = ["MAX_EFFECTS", "discrepancy"]
 
-METHODS = ("auto", "map", "fe")
 _COMPARED = 0.8  # of the progress
 _NOTHING_NAMED = "flight and model disagree in a way that nothing in the catalogue names"
 
@@ -75,29 +77,39 @@ def discrepancy(
 
 
 def _compared(asked: Asked, method: str) -> Outcome:
-    from sysid.discrepancy.by_posterior.workflow import compare, search_textbooks  # slow to import
+    from sysid.discrepancy.spectrum import comparison as spectrum  # slow to import
 
     asked.progress(0.02, "units, signs and axes")
     read = read_flights(asked.flights, asked.validate_on, asked.vehicle, asked.as_recorded, asked.start_s, asked.stop_s)
     asked = replace(asked, vehicle=read.doubted(asked.vehicle))
     if method == "fe":
-        return by_filter_error.compare(asked, read)
-    if (found := compare(asked, read)) is not None:
-        return found
+        return outcome(*_searched(asked, innovations.begin(asked, read)))
+    field = spectrum.begin(asked, read)
+    if field is not None:
+        return outcome(*_searched(asked, field))
     if method == "map":
-        return search_textbooks(_between(0.28, _COMPARED, asked), read).outcome()
+        within = _between(0.28, _COMPARED, asked)
+        return outcome(*_searched(within, spectrum.begin_textbook(within, read)))
     other = None
     with suppress(SysidError):
-        other = search_textbooks(_between(0.28, 0.4, asked), read)
+        within = _between(0.28, 0.4, asked)
+        other = _searched(within, spectrum.begin_textbook(within, read))
+    within = _between(0.4, _COMPARED, asked)
     try:
-        return by_filter_error.compare(_between(0.4, _COMPARED, asked), read, other.named if other else ())
+        return outcome(*_searched(within, innovations.begin(within, read, other[1].named if other else ())))
     except SysidError as error:
         if other is None:
             raise
         with suppress(SysidError):
-            found = other.outcome()
+            found = outcome(*other)
             return replace(found, warnings=(f"filter error cannot be used: {error}", *found.warnings))
         raise
+
+
+def _searched(asked: Asked, comparison: Comparison[Fit]) -> tuple[Comparison[Fit], SelectionState[Fit]]:
+    """A comparison with the effects that are found."""
+    ruled_out = frozenset(asked.ruled_out)
+    return comparison, select(comparison.base, ruled_out, lambda share, text: asked.progress(0.28 + 0.42 * share, text))
 
 
 def _between(begin: float, end: float, asked: Asked) -> Asked:

@@ -13,6 +13,7 @@ from sim_vehicle.model.model_file import Model
 from sysid.discrepancy.event_times import is_in_flight, likely_events
 from sysid.problem.estimation_problem import Problem
 from sysid.problem.free_parameters import effect_parameter
+from sysid.signals.record import Record
 
 # Half steps that are looked at of a parameter over which the likelihood goes in steps: one is then on the right step.
 _HALF_STEPS = 40
@@ -63,16 +64,14 @@ class Candidate:
         return name if self.effect.is_coefficient else f"{self.effect.name}.{name}"
 
 
-def happens_in_flight(candidate: Candidate, values: Mapping[str, float], problem: Problem) -> bool:
-    """Whether the moment of a candidate that has one, at these values by parameter, lies well within some flight."""
-    moments = set(candidate.free) - set(candidate.sizes)
-    return all(is_in_flight(problem.records, values[name]) for name in moments)
-
-
-def surprise(candidate: Candidate, values: Mapping[str, float]) -> float:
-    """Twice the log likelihood that parameters of these values have lost before the flight, beside usual ones."""
-    usual = {p.name: p.usual for p in candidate.effect.parameters if p.usual}
-    return sum((value / usual[name]) ** 2 for name, value in values.items() if name in usual)
+def is_possible(candidate: Candidate, values: Mapping[str, tuple[float, float]], records: Sequence[Record]) -> bool:
+    """Whether an effect as fitted is one: its moment well within some flight, and no less than a step of what goes in
+    steps, which is known to half of one. values: parameter -> value and standard error.
+    """
+    moments, steps = set(candidate.free) - set(candidate.sizes), stepping_of(candidate.effect)
+    return all(is_in_flight(records, values[name][0]) for name in moments & values.keys()) and all(
+        values[name][0] >= step for name, step in steps.items()
+    )
 
 
 def without_absent(candidate: Candidate, values: Mapping[str, tuple[float, float]]) -> Candidate | None:

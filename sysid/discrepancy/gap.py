@@ -13,7 +13,7 @@ from sim_vehicle.model.model_file import Model
 from sim_vehicle.vehicle.packed_model import flatten
 from sysid.arrays import Array
 from sysid.compatibility.reconstruction import CompatibilityResult
-from sysid.discrepancy.comparison_types import Compared
+from sysid.discrepancy.comparison import Compared
 from sysid.discrepancy.naming_rule import WIDER
 from sysid.numerics.smoothing import noise_sigma
 from sysid.problem.estimation_problem import Estimates, Problem, split_runs

@@ -14,6 +14,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+#: Twice the log likelihood that a candidate must promise for any to be fitted (3.5 standard errors of one size), and
+#: the share of the best promise below which one is out of the race.
+LEAST_PROMISE, PROMISE_SHARE = 12.0, 0.1
+#: Times Wald's statistic of its sizes that a gain may be.
+BORNE_OUT = 4.0
+#: Log evidence that a name needs (150 to 1: "very strong", Kass & Raftery, J. Am. Stat. Assoc. 90, 1995).
+EVIDENCE = 5.0
 #: Share of what can be explained from which on the first name is the right one.
 LEAST_SHARE = 0.85
 #: Of what the first name gains, below which a further one is not tried beside it.

@@ -28,23 +28,23 @@ class Significance:
     p_value: float
 
 
-def by_information_criterion(
-    gains: Sequence[float], sizes: Sequence[int], samples: float, surprises: Sequence[float] = ()
-) -> list[Significance]:
-    """Significance of candidates by the Bayesian information criterion, "no effect" being one of them.
+def chance_of(gain: float, parameters: int) -> float:
+    """Chance of a gain by so many parameters where nothing is missing (chi-squared)."""
+    return float(special.chdtrc(parameters, max(gain, 0.0)))
 
-    gains: twice the log likelihood that each gains. sizes: parameters that each adds. samples: independent ones.
-    surprises: twice the log likelihood that each has lost before the flight, none by default.
+
+def by_evidence(tried: Sequence[tuple[float, float, int]]) -> list[Significance]:
+    """Significance of candidates by their evidence, "no effect" being one of them.
+
+    tried: of each the logarithm of the evidence that it gains, twice the log likelihood that it gains, and how many
+    parameters it adds.
     """
-    lost = surprises or [0.0] * len(gains)
-    scores = [0.0]
-    scores += [0.5 * (g - s - k * math.log(samples)) for g, s, k in zip(gains, lost, sizes, strict=True)]
-    top = max(scores)
-    shares = [math.exp(score - top) for score in scores]
-    total = sum(shares)
+    top = max([0.0, *(evidence for evidence, _, _ in tried)])
+    shares = [math.exp(evidence - top) for evidence, _, _ in tried]
+    total = math.exp(-top) + sum(shares)
     return [
-        Significance(share / total, gain, float(special.chdtrc(k, max(gain, 0.0))))
-        for share, gain, k in zip(shares[1:], gains, sizes, strict=True)
+        Significance(share / total, gain, chance_of(gain, parameters))
+        for share, (_, gain, parameters) in zip(shares, tried, strict=True)
     ]
 
 

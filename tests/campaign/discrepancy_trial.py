@@ -15,8 +15,8 @@ from sim_vehicle.model.model_file import Model
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.compatibility.reconstruction import CompatibilityResult, check_compatibility
 from sysid.discrepancy import discrepancy
-from sysid.discrepancy.by_filter_error.baseline import BENCH, NUISANCE
 from sysid.discrepancy.gap import fixed_model
+from sysid.discrepancy.innovations.posed_flights import BENCH, NUISANCE
 from sysid.errors import SysidError
 from sysid.output_error.from_problem import fit
 from sysid.problem.estimation_problem import Problem

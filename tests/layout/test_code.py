@@ -23,7 +23,7 @@ NAMED_BESIDE = {
     *("sim_vehicle/vehicle/packed_model.py", "sysid/problem/sensitivities.py", "sysid/live/posterior_window.py"),
     *(f"sysid/posterior/{name}.py" for name in ("estimates", "group_model", "nuisance_priors", "stated_priors")),
     *("sysid/signals/record.py", "sysid/identification/result_file.py", "sysid/design/simulated_flight.py"),
-    *("sysid/discrepancy/analysis.py", "sysid/discrepancy/by_posterior/verdict.py"),
+    *("sysid/discrepancy/analysis.py", "sysid/discrepancy/spectrum/comparison.py"),
 }
 # Inverses outside sysid.numerics: of triangular factors, of scaled matrices, of what has a prior in every direction.
 INVERSE = re.compile(r"linalg\.inv\(|pinvh?\(")

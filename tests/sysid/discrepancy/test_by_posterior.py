@@ -19,9 +19,9 @@ from sim_vehicle.model.model_file import read_model
 from sim_vehicle.vehicle.strict_toml import Known
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.discrepancy import discrepancy
-from sysid.discrepancy.by_posterior.group_fits import fresh_unknown, is_size
-from sysid.discrepancy.by_posterior.ideal_sensors import with_ideal_sensors
 from sysid.discrepancy.candidates import Candidate
+from sysid.discrepancy.spectrum.group_fits import fresh_unknown, is_size
+from sysid.discrepancy.spectrum.ideal_sensors import with_ideal_sensors
 from sysid.errors import EstimationError
 
 pytestmark = pytest.mark.whole_flight

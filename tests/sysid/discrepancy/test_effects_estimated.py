@@ -12,8 +12,8 @@ from sim_vehicle.effects import EFFECTS, parse_effect
 from sim_vehicle.model.model_file import Model, read_model
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.compatibility.reconstruction import check_compatibility
-from sysid.discrepancy.by_filter_error.candidate_fits import FittedModel, fit_short, fitted
 from sysid.discrepancy.candidates import Candidate, candidates, extended, stepping_of
+from sysid.discrepancy.innovations.candidate_fits import FittedModel, fit_short, fitted
 from sysid.errors import SignalError
 from sysid.output_error.estimator import OutputErrorResult
 from sysid.output_error.from_problem import fit

@@ -1,182 +1,229 @@
-"""What the search for missing effects takes back."""
+"""What the search for missing effects names and takes back, over fits whose costs are said."""
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import cast
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from sim_vehicle.effects import EFFECTS
 from sim_vehicle.model.model_file import Model
-from sysid.discrepancy.by_filter_error import forward_selection
-from sysid.discrepancy.by_filter_error.forward_selection import (
-    Search,
-    eliminate_insignificant,
-    eliminate_redundant,
-    settle_names,
-)
+from sysid.discrepancy.candidate_fit import Trial
 from sysid.discrepancy.candidates import Candidate
+from sysid.discrepancy.forward_selection import SelectionState, select
 from sysid.discrepancy.identified_effect import Named
+from sysid.discrepancy.innovations.candidate_fits import FittedModel
+from sysid.discrepancy.innovations.innovations_fit import InnovationsFit
 from sysid.discrepancy.naming_rule import LeftOver
 from sysid.discrepancy.significance import Significance
 from sysid.filter_error.estimator import FilterErrorResult
 from sysid.numerics.dryden import Turbulence
-from sysid.problem.estimation_problem import Problem
 from sysid.problem.free_parameters import effect_parameter
 
-
-def result_of(names: tuple[str, ...], values: list[float], stds: list[float], together: bool) -> FilterErrorResult:
-    """An estimate of one parameter of each named effect, independent of each other."""
-    covariance = np.diag(np.square(stds))
-    parameters = tuple(effect_parameter(*name.split(".")) for name in names)
-    return FilterErrorResult(
-        parameters, np.array(values), covariance, covariance, np.zeros(15), Turbulence(0.2, 0.2), (), -1000.0,
-        -900.0 if together else np.nan, 1, True,
-    )  # fmt: skip
+PARAMETERS = {"thrust_scale": "scale", "mass_error": "scale", "density_error": "scale", "unsteady_lift": "tau"}
 
 
-# Half the deviance before anything was named; with all that was named it is -1000.
-BEGAN = -600.0
+@dataclass(frozen=True)
+class Flight:
+    """Stands for the records of a flight."""
+
+    interval_s: float = 0.02
 
 
-def searched(sizes: dict[str, tuple[float, float]], *, together: bool) -> Search:
-    """A search that has named effects, each for a great gain. sizes: "effect.parameter" -> (value, standard error)."""
-    named = []
-    for i, (name, (value, std)) in enumerate(sizes.items()):
-        effect, parameter = name.split(".")
-        candidate = Candidate(EFFECTS[effect], (parameter,), ({parameter: 0.01},))
-        others = tuple((other.split(".")[0], 0.3) for other in sizes if other != name)
-        named.append(
-            Named(candidate, Significance(0.9, 80.0 + i, 1e-19), others, {parameter: (value, std)}, 44, 80.0 + i)
-        )
-    values, stds = ([pair[k] for pair in sizes.values()] for k in (0, 1))
-    model = Model("plane", {})
-    for one in named:
-        model = model.with_effect(one.candidate.effect, {name: value for name, (value, _) in one.values.items()})
-    result = result_of(tuple(sizes), values, stds, together)
-    # Nobody looks at the flights.
-    return Search(
-        cast("Problem", None), model, [], [(one.effect, one.candidate.free[0]) for one in named], result, BEGAN, named
-    )
+@dataclass(frozen=True)
+class Flown:
+    """Stands for a problem."""
+
+    records: tuple[Flight, ...] = (Flight(),)
 
 
-class Costs:
-    """Stands for fits without an effect: each costs what is said of the effects that are left."""
+@dataclass(frozen=True)
+class Fit:
+    """Stands for a fitted model. costs: negative log likelihood with each set of effects. over: that are doubtful."""
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, costs: dict[frozenset[str], float]) -> None:
-        self.costs = costs
-        monkeypatch.setattr(forward_selection, "build_filter", self.build)
-        monkeypatch.setattr(forward_selection, "model_of", lambda model, *_: model)
+    costs: Mapping[frozenset[str], float]
+    has: frozenset[str] = frozenset()
+    over: frozenset[str] = frozenset()
+    remains: Mapping[str, LeftOver] = field(default_factory=dict)
+    asked: list[float] = field(default_factory=list)
+    problem: Any = field(default_factory=Flown)
+    model: Any = None
 
-    def build(self, problem: object, model: Model, coefficients: object, effects: list[tuple[str, str]]) -> Costs:
-        self.left = effects
+    @property
+    def cost(self) -> float:
+        return self.costs[self.has]
+
+    @property
+    def evidence(self) -> float:
+        return -self.cost - 3.0 * len(self.has)
+
+    def choices(self) -> list[Candidate]:
+        every = sorted(frozenset().union(*self.costs) - self.has)
+        return [Candidate(EFFECTS[name], (PARAMETERS[name],), ({PARAMETERS[name]: 0.05},)) for name in every]
+
+    def trials(self, choices: Sequence[Candidate], progress: object) -> list[Trial[Fit]]:
+        found = []
+        for one in choices:
+            if (more := self.has | {one.effect.name}) in self.costs:
+                fit = replace(self, has=more)
+                found.append(Trial(one, fit, fit.values_of(one), 2.0 * (self.cost - fit.cost), self.gained(fit)))
+        return found
+
+    def gained(self, other: Fit) -> float:
+        return other.evidence - self.evidence
+
+    def confirmed(self, trial: Trial[Fit], significance: Significance) -> Significance:
+        return significance
+
+    def with_named(self, trial: Trial[Fit]) -> Fit:
+        return trial.fit
+
+    def without(self, candidate: Candidate) -> Fit | None:
+        rest = self.has - {candidate.effect.name}
+        return replace(self, has=rest) if rest in self.costs else None
+
+    def values_of(self, candidate: Candidate) -> dict[str, tuple[float, float]]:
+        return {name: (0.05 + 0.01 * len(self.has), 0.001) for name in candidate.free}
+
+    def sharpened(self) -> Fit:
         return self
 
-    def solve(self, start: dict[str, float], *_: object, **__: object) -> FilterErrorResult:
-        names = tuple(f"{effect}.{parameter}" for effect, parameter in self.left)
-        cost = self.costs[frozenset(effect for effect, _ in self.left)]
-        return replace(result_of(names, [start[n] for n in names], [1e-3] * len(names), True), cost=cost)
+    def doubtful(self, named: Sequence[Named]) -> Named | None:
+        return next((one for one in named if one.effect in self.over), None)
+
+    def left(self, least: float) -> Mapping[str, LeftOver]:
+        self.asked.append(least)
+        return self.remains
 
 
-def names_of(found: Search) -> list[str]:
+def costs_of(**costs: float) -> dict[frozenset[str], float]:
+    """Costs by sets of effects, each written by first letters: tm is the thrust's scale and the mass."""
+    letters = {name[0]: name for name in PARAMETERS}
+    return {frozenset(): 0.0} | {frozenset(letters[letter] for letter in key): cost for key, cost in costs.items()}
+
+
+def searched(fit: Fit, ruled_out: frozenset[str] = frozenset()) -> SelectionState[Fit]:
+    return select(fit, ruled_out, lambda share, text: None)
+
+
+def names_of(found: SelectionState[Any]) -> list[str]:
     return [one.effect for one in found.named]
 
 
-@pytest.mark.parametrize(("sigmas", "kept"), [(2.3, []), (10.0, ["density_error"])])
-def test_a_gain_with_gusts_held_fixed_counts_as_far_as_the_size_is_known_beside_them(
-    monkeypatch: pytest.MonkeyPatch, sigmas: float, kept: list[str]
-) -> None:
-    Costs(monkeypatch, {frozenset(): -990.0})
-    found = searched({"density_error.scale": (sigmas * 0.01, 0.01)}, together=True)
-    eliminate_insignificant(found)
-    assert names_of(found) == kept
-    assert len(found.dropped) == 1 - len(kept)
-
-
-def test_one_that_is_borne_out_shields_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
-    Costs(monkeypatch, {frozenset({"thrust_scale"}): -990.0})
-    sizes = {"density_error.scale": (0.023, 0.01), "thrust_scale.scale": (0.5, 0.01)}
-    found = searched(sizes, together=True)
-    eliminate_insignificant(found)
+def test_the_likeliest_is_named_with_what_it_may_be_instead() -> None:
+    found = searched(Fit(costs_of(t=-500.0, m=-499.5, d=-100.0)))
     assert names_of(found) == ["thrust_scale"]
-    assert found.named[0].alternatives == ()
-    assert found.dropped == ["density_error: named for a while, but its size is within its standard error"]
+    (one,) = found.named
+    assert [name for name, _ in one.alternatives] == ["mass_error"]
+    assert one.significance.probability == pytest.approx(1.0 / (1.0 + np.exp(-0.5)))
+    assert (found.whole, found.gains) == (1000.0, {"thrust_scale": 1000.0})
+    assert one.values == found.fit.values_of(one.candidate)
+
+
+def test_what_is_known_not_to_be_there_is_not_looked_at() -> None:
+    assert names_of(searched(Fit(costs_of(t=-500.0, m=-400.0)), frozenset({"thrust_scale"}))) == ["mass_error"]
+
+
+@pytest.mark.parametrize(("gain", "named", "said"), [(8.0, 0, 0), (24.0, 0, 1), (40.0, 1, 0)])
+def test_a_name_needs_five_standard_errors_and_what_is_near_is_said(gain: float, named: int, said: int) -> None:
+    found = searched(Fit(costs_of(t=-0.5 * gain)))
+    assert (len(found.named), len(found.notes)) == (named, said)
+
+
+def test_beside_what_explains_thousands_hundreds_are_no_name() -> None:
+    found = searched(Fit(costs_of(t=-5000.0, tm=-5200.0)))
+    assert names_of(found) == ["thrust_scale"]
+    assert found.notes == ["mass_error: gains 400, no more than thrust_scale may leave"]
+
+
+def test_what_is_not_needed_beside_the_others_is_dropped_the_cheapest_first() -> None:
+    """The density alone explains most of what the other two do together."""
+    costs = costs_of(d=-500.0, m=-300.0, t=-250.0, dm=-700.0, dmt=-1000.0, dt=-600.0, mt=-999.0)
+    found = searched(Fit(costs))
+    assert names_of(found) == ["mass_error", "thrust_scale"]
+    assert found.notes == ["density_error: named for a while, not needed beside the others"]
+    # Nothing that was dropped is an alternative.
+    assert all(name != "density_error" for one in found.named for name, _ in one.alternatives)
+    assert found.gains == {"mass_error": 2.0 * 749.0, "thrust_scale": 2.0 * 699.0}
+
+
+def test_a_memory_leaves_a_share_of_what_it_came_with_to_others_and_no_more() -> None:
+    """A lag that came in with 2,000 gains a million once the noise is small: 3 % of that is no measure of others."""
+    costs = costs_of(u=-1000.0, t=-300.0, ut=-500_000.0)
+    costs[frozenset({"thrust_scale"})] = -1.0
+    found = searched(Fit(costs))
+    assert names_of(found) == ["unsteady_lift", "thrust_scale"]
+    assert found.fit.asked == [pytest.approx(0.03 * 2000.0)]
+
+
+def test_a_gain_with_gusts_held_fixed_counts_as_far_as_the_size_is_known_beside_them() -> None:
+    costs = costs_of(t=-500.0, m=-300.0, tm=-800.0)
+    found = searched(Fit(costs, over=frozenset({"mass_error"})))
+    assert names_of(found) == ["thrust_scale"]
+    assert found.notes == ["mass_error: named for a while, but its size is within its standard error"]
+    none = searched(Fit(costs, over=frozenset({"mass_error", "thrust_scale"})))
+    assert none.named == []
+    assert none.fit is none.base
+
+
+def test_companions_that_the_first_may_leave_of_itself_are_taken_back_and_counted() -> None:
+    left = {"CL": LeftOver("smooth terms", 300.0)}
+    # Without the first a fit ends far beyond where everything began: it lost its way, and what it asks is no measure.
+    costs = costs_of(m=-1000.0, t=-200.0, mt=-1200.0)
+    costs[frozenset({"thrust_scale"})] = 80_000.0
+    found = searched(Fit(costs, remains=left))
+    assert names_of(found) == ["mass_error"]
+    assert (found.taken_back, found.whole) == (["thrust_scale"], 2400.0)
+    # What is left is seen beside all of them: what they explain is not counted twice.
+    assert found.left == left
+    assert found.gains["mass_error"] == 2.0 * 81_200.0
+    assert len(found.notes) == 1
+
+
+def test_what_stands_beside_the_first_by_a_third_is_a_name_of_its_own() -> None:
+    found = searched(Fit(costs_of(m=-1000.0, t=-500.0, mt=-1400.0)))
+    assert names_of(found) == ["mass_error", "thrust_scale"]
+    assert found.taken_back == []
+
+
+def filtered(sizes: Mapping[str, tuple[float, float]], *, together: bool) -> tuple[InnovationsFit, list[Named]]:
+    """A fit by filter error in rough air. sizes: effect -> value and standard error of its scale."""
+    values, stds = ([pair[k] for pair in sizes.values()] for k in (0, 1))
+    covariance = np.diag(np.square(stds))
+    parameters = tuple(effect_parameter(name, "scale") for name in sizes)
+    result = FilterErrorResult(
+        parameters, np.array(values), covariance, covariance, np.zeros(15), Turbulence(0.2, 0.2), (), -1000.0,
+        -900.0 if together else np.nan, 1, True,
+    )  # fmt: skip
+    candidates = [Candidate(EFFECTS[name], ("scale",), ({"scale": 0.01},)) for name in sizes]
+    named = [Named(one, Significance(0.9, 80.0, 1e-19), (), {"scale": (0.0, 1.0)}, 44, 80.0) for one in candidates]
+    at = FittedModel(Model("plane", {}), [], [(name, "scale") for name in sizes], result)
+    problem: Any = None  # Nobody looks at the flights.
+    return InnovationsFit(problem, at, problem), named
+
+
+def test_in_gusts_the_size_that_is_least_beyond_its_standard_error_is_doubtful() -> None:
+    sizes = {"density_error": (0.023, 0.01), "thrust_scale": (0.5, 0.01), "mass_error": (0.03, 0.01)}
+    fit, named = filtered(sizes, together=True)
+    doubtful = fit.doubtful(named)
+    assert doubtful is not None
+    assert doubtful.effect == "density_error"
+    assert fit.doubtful(named[1:2]) is None
 
 
 def test_where_gusts_were_not_estimated_beside_the_sizes_the_likelihood_is_enough() -> None:
-    found = searched({"density_error.scale": (0.023, 0.01)}, together=False)
-    eliminate_insignificant(found)
-    assert names_of(found) == ["density_error"]
+    fit, named = filtered({"density_error": (0.023, 0.01)}, together=False)
+    assert fit.doubtful(named) is None
 
 
-def test_what_is_not_needed_beside_the_others_is_dropped_the_cheapest_first(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Either of the first two explains what the other does; the third is needed. Costs are half of what is lost."""
-    left = {
-        frozenset({"thrust_scale", "mass_error"}): -999.0,  # without the density: 2
-        frozenset({"density_error", "mass_error"}): -998.0,  # without the thrust: 4
-        frozenset({"density_error", "thrust_scale"}): -500.0,
-        frozenset({"thrust_scale"}): -490.0,
-        frozenset({"mass_error"}): -400.0,
-    }
-    Costs(monkeypatch, left)
-    sizes = {"density_error.scale": (0.1, 0.01), "thrust_scale.scale": (0.5, 0.01), "mass_error.scale": (0.2, 0.01)}
-    found = searched(sizes, together=True)
-    eliminate_redundant(found)
-    assert names_of(found) == ["thrust_scale", "mass_error"]
-    # What they gain is told beside each other, and nothing that was dropped is an alternative.
-    assert [one.significance.gain for one in found.named] == [2.0 * 599.0, 2.0 * 509.0]
-    assert all(name != "density_error" for one in found.named for name, _ in one.alternatives)
-
-
-def test_what_a_memory_gains_beside_the_others_does_not_hide_them(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A lag that came in with 80 gains a million once the noise is small: 3 % of that is no measure of the others."""
-    left = {frozenset({"thrust_scale"}): 499_000.0, frozenset({"unsteady_lift"}): -500.0}
-    Costs(monkeypatch, left)
-    found = searched({"unsteady_lift.tau": (0.05, 0.001), "thrust_scale.scale": (0.5, 0.01)}, together=True)
-    eliminate_redundant(found)
-    assert names_of(found) == ["unsteady_lift", "thrust_scale"]
-
-
-def test_companions_that_the_first_may_leave_of_itself_are_taken_back_and_counted(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    seen: list[list[str]] = []
-
-    def lack_of_fit(problem: object, setting: object, least: float) -> dict[str, LeftOver]:
-        seen.append(names_of(found))
-        return {"CL": LeftOver("smooth terms", 300.0)}
-
-    monkeypatch.setattr(forward_selection, "lack_of_fit", lack_of_fit)
-    Costs(monkeypatch, {
-        frozenset({"mass_error", "thrust_scale"}): -999.0, frozenset({"mass_error"}): -998.0,
-    })  # fmt: skip
-    found = searched({"mass_error.scale": (0.5, 0.01), "density_error.scale": (0.1, 0.01),
-                      "thrust_scale.scale": (0.1, 0.01)}, together=True)  # fmt: skip
-    # Without the first a fit ends far beyond where everything began: it lost its way, and what it asks is no measure.
-    gains = (155_000.0, 50.0, 80.0)
-    found.named = [
-        replace(one, significance=replace(one.significance, gain=gain))
-        for one, gain in zip(found.named, gains, strict=True)
-    ]
-    settle_names(found)
-    # What is left is seen beside all of them: what they explain is not counted twice.
-    assert seen == [["mass_error", "density_error", "thrust_scale"]]
-    assert names_of(found) == ["mass_error"]
-    assert found.taken_back == ["density_error", "thrust_scale"]
-    assert found.whole == 2.0 * (BEGAN + 1000.0)
-    assert len(found.dropped) == 2
-
-
-def test_what_stands_beside_the_first_by_a_third_is_a_name_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(forward_selection, "lack_of_fit", lambda *_: {})
-    found = searched({"mass_error.scale": (0.5, 0.01), "thrust_scale.scale": (0.1, 0.01)}, together=True)
-    gains = (155_000.0, 250.0)
-    found.named = [
-        replace(one, significance=replace(one.significance, gain=gain))
-        for one, gain in zip(found.named, gains, strict=True)
-    ]
-    settle_names(found)
-    assert names_of(found) == ["mass_error", "thrust_scale"]
-    assert found.taken_back == []
+def test_what_would_have_been_a_surprise_before_the_flight_is_less_likely() -> None:
+    usual, _ = filtered({"density_error": (0.02, 0.01)}, together=False)
+    odd, _ = filtered({"density_error": (0.2, 0.01)}, together=False)
+    read = (np.ones((100, 15)),)
+    usual, odd = (replace(one, at=replace(one.at, result=replace(one.result, residuals=read))) for one in (usual, odd))
+    typical = EFFECTS["density_error"].parameter("scale").usual
+    assert typical
+    assert usual.evidence - odd.evidence == pytest.approx(0.5 * (0.2**2 - 0.02**2) / typical**2)

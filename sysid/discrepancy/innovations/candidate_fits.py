@@ -15,6 +15,7 @@ import numpy as np
 from sim_vehicle.effects import Remembers
 from sim_vehicle.model.model_file import Model
 from sysid.discrepancy.candidates import Candidate, extended, stepping_of, within
+from sysid.discrepancy.naming_rule import BORNE_OUT
 from sysid.errors import EstimationError
 from sysid.filter_error.estimation import build_filter
 from sysid.filter_error.estimator import MAX_ITERATIONS, FilterErrorResult
@@ -37,8 +38,6 @@ _SHARE_OF_BEST, _STILL_IN = 0.5, 0.7
 # Rounds of a fit that has far to go.
 _ROUNDS = 4
 _TRIAL_STEPS = 12
-# Times Wald's statistic that a gain may be: standard errors with gains held fixed are not exact.
-_BORNE_OUT = 4.0
 # Effects with a local maximum of the likelihood for every sample of a delay, and steps to find the highest.
 _HILLY, _FIRST_STEPS = Remembers.LATENESS, 3
 # Log likelihood by which one step is like another.
@@ -77,7 +76,15 @@ class Finalist:
         A gain far beyond what the sizes are in standard errors is that of a fit which went on, not of the effect.
         """
         borne = wald_statistic(self.candidate, self.result)
-        return self.gain if borne is None else min(self.gain, _BORNE_OUT * borne)
+        return self.gain if borne is None else min(self.gain, BORNE_OUT * borne)
+
+
+def values_of(candidate: Candidate, result: FilterErrorResult) -> dict[str, tuple[float, float]]:
+    """Values and standard errors of a candidate's parameters."""
+    return {
+        name: (result.value(candidate.parameter(name)), result.std(candidate.parameter(name)))
+        for name in candidate.free
+    }
 
 
 def wald_statistic(candidate: Candidate, result: FilterErrorResult) -> float | None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy import special
 
-from sysid.discrepancy.by_filter_error.candidate_fits import FittedModel
-from sysid.discrepancy.by_filter_error.filter_scores import filter_gains
+from sysid.discrepancy.innovations.candidate_fits import FittedModel
+from sysid.discrepancy.innovations.filter_scores import filter_gains
 from sysid.discrepancy.naming_rule import KNOWN_TO, LeftOver
 from sysid.discrepancy.smooth_terms import explained_by_axis, smooth_terms
 from sysid.discrepancy.wording import chance_text

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from types import MappingProxyType
 
 import numpy as np
@@ -59,6 +60,11 @@ class GroupFit:
     effects: tuple[tuple[str, str], ...]
     evidence: float
     doubts: Sequence[ConsiderParameter]
+
+    @cached_property
+    def cost(self) -> float:
+        """Negative log likelihood, noise estimated here."""
+        return self.posterior.profile_cost(self.theta)
 
     @property
     def names(self) -> tuple[str, ...]:

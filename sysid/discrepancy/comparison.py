@@ -1,13 +1,16 @@
-"""What a comparison is asked, and what it finds, whichever estimator it is made by."""
+"""What a comparison is asked, what it asks of the noise model that it is made with, and what it finds."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 from sim_vehicle.model.model_file import Model
 from sim_vehicle.vehicle.vehicle_file import Vehicle
+from sysid.arrays import Array
 from sysid.compatibility.reconstruction import CompatibilityResult
+from sysid.discrepancy.candidate_fit import Fit
 from sysid.discrepancy.identified_effect import Named
 from sysid.discrepancy.naming_rule import Judgement
 from sysid.numerics.dryden import Turbulence
@@ -48,6 +51,48 @@ class Compared:
     stages: Mapping[str, Fixed]
     compatible: CompatibilityResult
     air: Turbulence
+
+
+class Comparison(Protocol[Fit]):
+    """Flights and a model under one noise model: what is asked of it before a search and after it."""
+
+    @property
+    def method(self) -> str:
+        """Of schema discrepancy/1."""
+
+    @property
+    def base(self) -> Fit:
+        """The model fitted again."""
+
+    @property
+    def quality(self) -> Quality:
+        """What the flights are worth."""
+
+    @property
+    def warnings(self) -> Sequence[str]:
+        """What the result says beside it."""
+
+    @property
+    def outputs(self) -> Collection[str] | None:
+        """Names of outputs that the gap is judged by, None for all."""
+
+    def used(self, fit: Fit) -> Compared:
+        """The flights that were fitted, with a fit for the last stage."""
+
+    def judged(self, fit: Fit) -> Compared | None:
+        """The flights held out; None without any."""
+
+    def whole_model(self, fit: Fit) -> tuple[Model, Sequence[str]]:
+        """A fit's model with whole errors, and warnings where they cannot be had."""
+
+    def turbulence(self, fit: Fit) -> float:
+        """Of schema discrepancy/1, m/s."""
+
+    def remarks(self, fit: Fit) -> list[str]:
+        """What noise, servos and sensors were found to do beside the model, in words."""
+
+    def moved(self) -> tuple[Array, Array]:
+        """(P,) how far the model's own parameters are from those given, and (P, P) their covariance."""
 
 
 @dataclass(frozen=True)

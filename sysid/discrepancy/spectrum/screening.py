@@ -14,9 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.discrepancy.by_posterior.group_fits import GroupFit
 from sysid.discrepancy.candidates import Candidate, alone, extended
 from sysid.discrepancy.score_test import ScoredColumn, gains_of
+from sysid.discrepancy.spectrum.group_fits import GroupFit
 from sysid.errors import SysidError
 from sysid.posterior.group_model import SERVO
 from sysid.posterior.start_values import equation_error_starts
