@@ -151,7 +151,7 @@ class _GroupSearch:
         """Share of noise in what the flights measured of an output."""
         parts, place = self.model.parts, self.model.outputs.index(output)
         series = [self.model.measured(i)[place] for i in range(len(parts))]
-        return noise_share(series, [part.common for part in parts], min(part.highest_hz for part in parts))
+        return noise_share(series, [part.common for part in parts], min(part.highest_hz(output) for part in parts))
 
     def ended(self, fine: bool) -> GroupEstimate:
         """The group, estimated, on the full grid or on half of it."""
@@ -332,7 +332,8 @@ def _answered_alone(group: str, found: GroupEstimate, moved: frozenset[str]) -> 
 
 
 def _likelier_flow(begin: Callable[..., _GroupSearch], near: Mapping[str, float], flow: str) -> _GroupSearch:
-    """A group begun; in a closed loop with the flow as its vane read it, where that leaves no more to the loop.
+    """A group begun; in a closed loop by the whole band, and with the flow as its vane read it, where that leaves no
+    more to the loop.
 
     What looks like a loop may be a search that ended beside the optimum, whose residuals go with the commands: it is
     begun again from where the vane's flow leads. A vane's noise that drives the simulation weakens whatever goes with
@@ -340,11 +341,13 @@ def _likelier_flow(begin: Callable[..., _GroupSearch], near: Mapping[str, float]
     start alone.
     """
     begun = begin(near).optimise()
+    if begun.feedback() > 0.0:
+        begun = begin(begun.values(), whole=True).optimise()
     feedback = begun.feedback()
     if feedback > 0.0 and flow in begun.model.outputs:
         noise = begun.noise_of(flow)
         with suppress(EstimationError):
-            other = begin(begun.values(), vane_noise=noise).optimise()
+            other = begin(begun.values(), vane_noise=noise, whole=True).optimise()
             again = begun.keep_if_better(other.values(), MAX_PASSES, 0.0)
             if again.feedback() == 0.0:
                 return again
@@ -396,8 +399,9 @@ def _start_search(
     doubts: Sequence[ConsiderParameter],
     near: Mapping[str, float],
     vane_noise: float | None = None,
+    whole: bool = False,
 ) -> _GroupSearch:
-    """vane_noise: share of noise in the flow as its vane read it, where that is imposed."""
+    """vane_noise: share of noise in the flow as its vane read it, where that is imposed. whole: all the band counts."""
     flow, flow_imposed = FLOW_OF[group], vane_noise is not None
     position = all(part.position for part in parts)
     lag, flights = _airspeed_lag(parts), tuple(dict.fromkeys(part.flight for part in parts))
@@ -443,7 +447,7 @@ def _start_search(
         information = np.diag(1.0 / np.concatenate((std, unknowns.std, states_std)) ** 2)
         if known is not None:
             middle, information = _with_known(middle, information, model.names, known)
-        posterior = Posterior(rough, Prior(middle, information), low, high, zero_stds(vehicle))
+        posterior = Posterior(rough, Prior(middle, information), low, high, zero_stds(vehicle), whole)
         values = near if again and not tried else {} if position else servo
         begin = middle.copy()
         begin[: len(model.names)] = [values.get(*one) for one in zip(model.names, middle.tolist(), strict=False)]

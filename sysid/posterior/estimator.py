@@ -32,10 +32,10 @@ from sysid.signals.record import STATES
 MAX_PASSES = 12  # of Gauss-Newton
 # A step below this share of every coefficient's standard error ends the search.
 _SETTLED = 0.1
+# Steps of the likelihood's own slopes, standard errors, and the gain that they promise at its maximum.
+_DIFFERENCE, _FLAT = 0.2, 0.05
 # Blocks of time of the sandwich, s, and the fewest of them.
 _BLOCK_S, _LEAST_BLOCKS = 2.5, 6
-
-
 # Lower ends of the octaves in each of which the structure may miss another share of each output, Hz.
 _STRUCTURE_BANDS_HZ = 0.125 * 2.0 ** np.arange(8)
 
@@ -95,6 +95,8 @@ class Posterior(WhittleLikelihood):
         Raises EstimationError where even the start diverges.
         """
         at, passes, converged = self._search(start, max_passes, least=1)
+        if self._feedback(at, self._laws()):
+            at, converged = self._likeliest(at, max_passes)
         return self._result(at, doubts, passes, converged)
 
     def _search(self, start: Array, max_passes: int, least: int) -> tuple[Point, int, bool]:
@@ -129,6 +131,42 @@ class Posterior(WhittleLikelihood):
                 converged = True
                 break
         return at, passes, converged
+
+    def _likeliest(self, at: Point, max_passes: int) -> tuple[Point, bool]:
+        """From where a search ended to where the likelihood's own slopes vanish, and whether they do: where commands
+        answer the noise, a search that holds the weights at each step ends beside it.
+
+        Slopes by a flow that is imposed are an instrument's: they decide, no cost would fall with them.
+        """
+        damping, (H, g, size) = 1e-3, self._likelihood_slopes(at)
+        for _ in range(max_passes):
+            if size < _FLAT:
+                return at, True
+            accepted = False
+            for _ in range(4):
+                try:
+                    with np.errstate(over="ignore", invalid="ignore"):  # a trial that runs away is refused
+                        other = self.point(self._step(at.theta, H, g, damping))
+                        slopes = self._likelihood_slopes(other)
+                except EstimationError:
+                    slopes = H, g, np.inf
+                damping = max(10.0 * damping, 1e-2)
+                if accepted := slopes[2] < size:
+                    at, (H, g, size), damping = other, slopes, damping / 100.0
+                    break
+            if not accepted:
+                break
+        self.weigh(at)
+        return at, False
+
+    def _likelihood_slopes(self, at: Point) -> tuple[Array, Array, float]:
+        """Information (P, P), gradient downhill (P,) of `profile_at`, and how far off its maximum is: twice the log
+        likelihood that is promised by what is free to move.
+        """
+        self.weigh(at)
+        H, _ = self.normal(at)
+        g = self.profile_gradient(at, _DIFFERENCE * np.sqrt(np.diag(inverse(H))))
+        return H, g, float(g @ (self._step(at.theta, H, g, 1e-7) - at.theta))
 
     def feedback(self, theta: Array) -> float:
         """Largest share of a command that follows what is left at a point, as in PosteriorResult."""

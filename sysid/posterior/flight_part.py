@@ -17,7 +17,7 @@ from sysid.arrays import Array
 from sysid.errors import SignalError
 from sysid.posterior.inputs import LOOP_INTERVAL_S, InputSignal, in_steps, input_signal, surface_signal
 from sysid.posterior.observations import Channel, CommonGrid, bursts, common_grid
-from sysid.posterior.residual_spectrum import HIGHEST_HZ, NYQUIST_SHARE
+from sysid.posterior.residual_spectrum import HIGHEST_HZ, NYQUIST_SHARE, WHOLE_HZ, WHOLE_SHARE
 from sysid.posterior.smoothing import Airspeed, airspeed_alone, airspeed_through, expected, smoothed
 from sysid.posterior.stated_priors import airspeed_lag
 from sysid.signals.flight import FlightSignals
@@ -51,8 +51,8 @@ class FlightPart:
     grid: (N,) s, even. inputs: de, da, dr, throttle and controls of other names as functions of time. motion: alpha,
     beta, p, q, r, phi, theta [rad, rad/s] smoothed, (N,), and slow_alpha. airspeed: true, smoothed. thrust: (N,) N, NaN
     where it follows from the throttle; thrust_from: the signal that gives it, "" for none. rho: (N,) kg/m3. channels:
-    measured outputs by name. common: grid of the residuals. highest_hz: to which they count. position: whether the log
-    holds positions of the surfaces. messages: signal -> the message that carried it.
+    measured outputs by name. common: grid of the residuals. rate_hz: of each output's message, or of the slowest input.
+    position: whether the log holds positions of the surfaces. messages: signal -> the message that carried it.
     """
 
     flight: str
@@ -65,9 +65,14 @@ class FlightPart:
     rho: Array
     channels: Mapping[str, Channel]
     common: CommonGrid
-    highest_hz: float
+    rate_hz: Mapping[str, float]
     position: bool
     messages: Mapping[str, str]
+
+    def highest_hz(self, output: str, whole: bool = False) -> float:
+        """Frequency to which an output counts, in the usual band or in the whole."""
+        highest, share = (WHOLE_HZ, WHOLE_SHARE) if whole else (HIGHEST_HZ, NYQUIST_SHARE)
+        return min(highest, share * self.rate_hz[output])
 
     @property
     def named(self) -> tuple[str, ...]:
@@ -237,12 +242,11 @@ def make_part(
         1.0 / imu,
         *(1.0 / float(np.median(np.diff(inputs[n].time_s))) for n in SURFACES if n in inputs),
     ]
-    rates += [1.0 / float(np.median(np.diff(channels[n].time_s))) for n in ("alpha", "beta") if n in channels]
     lost = bursts(gyros) + [one for n in SURFACES if n in inputs for one in bursts(inputs[n].time_s)]
     for name in ("alpha", "beta"):
         lost += bursts(channels[name].time_s) if name in channels else []
     common = common_grid(begin, end, max(COMMON_STEP_S, imu), sorted(lost), _RISE_S)
-    highest = min(HIGHEST_HZ, NYQUIST_SHARE * min(rates))
+    rate_hz = {name: min(*rates, _rate(one.time_s)) for name, one in channels.items()}
     thrust, thrust_from = _thrust(signals, vehicle, grid, motion["ax"], speed.values, rho, (begin, end))
     if vehicle.motors and vehicle.motors.keys() <= inputs.keys():
         late = {name: vehicle.controls[name].delay.value or 0.0 for name in vehicle.motors}
@@ -255,7 +259,7 @@ def make_part(
         if thrust_from != "thrust":
             thrust, thrust_from = loads.thrust, MOTORS
     return FlightPart(
-        signals.name, grid, inputs, motion, speed, thrust, thrust_from, rho, channels, common, highest, position,
+        signals.name, grid, inputs, motion, speed, thrust, thrust_from, rho, channels, common, rate_hz, position,
         messages,
     )  # fmt: skip
 
@@ -418,6 +422,11 @@ def with_flow(part: FlightPart, name: str, sensors: Sensors, read: Array) -> Fli
     motion = part.motion
     centre = _at_centre(name, read, motion["alpha"], motion, part.airspeed.values, sensors)
     return replace(part, motion={**motion, name: centre})
+
+
+def _rate(time: Array) -> float:
+    """Samples per second."""
+    return 1.0 / float(np.median(np.diff(time)))
 
 
 def _along_path(motion: Mapping[str, Array], gravity: float) -> Array:

@@ -42,19 +42,26 @@ class Point:
 
 
 class WhittleLikelihood:
-    """Parts of flights under one model. low, high: (P,) bounds of all unknowns. zeros: output -> std of its zero."""
+    """Parts of flights under one model. low, high: (P,) bounds of all unknowns. zeros: output -> std of its zero.
 
-    def __init__(self, model: GroupModel, prior: Prior, low: Array, high: Array, zeros: Mapping[str, float]) -> None:
+    whole: whether all of the band counts, to half of each message's rate, as where commands answer the noise.
+    """
+
+    def __init__(
+        self, model: GroupModel, prior: Prior, low: Array, high: Array, zeros: Mapping[str, float], whole: bool = False
+    ) -> None:
         self.model, self.prior, self.low, self.high = model, prior, low, high
-        self.zeros = zeros
+        self.zeros, self.whole = zeros, whole
         self._zero_std = np.array([zeros[name] for name in model.outputs])
         self.parts = model.parts
         self.flights = list(dict.fromkeys(part.flight for part in self.parts))
-        self._bands = []
+        self._bands, self._deaf = [], []
         for part in self.parts:
             f = np.fft.rfftfreq(part.common.points.size, part.common.interval_s)
             lowest = max(LOWEST_HZ, 1.0 / part.common.duration_s)
-            self._bands.append((f >= lowest) & (f <= part.highest_hz))
+            limits = np.array([part.highest_hz(name, whole) for name in model.outputs])
+            self._bands.append((f >= lowest) & (f <= limits.max()))
+            self._deaf.append(f[self._bands[-1], None] > limits)
         self._factors: list[Array] = []
         self._zero: list[Array] = []
         self.spectra: dict[str, ResidualSpectrum] = {}
@@ -63,7 +70,7 @@ class WhittleLikelihood:
 
     def of(self, model: GroupModel) -> Self:
         """The same prior and bounds about another model of as many parts."""
-        return type(self)(model, self.prior, self.low, self.high, self.zeros)
+        return type(self)(model, self.prior, self.low, self.high, self.zeros, self.whole)
 
     def point(self, theta: Array) -> Point:
         """Simulate all parts. Raises EstimationError where the motion diverges."""
@@ -89,13 +96,18 @@ class WhittleLikelihood:
             for i in places:
                 common = self.parts[i].common
                 f = np.asarray(np.fft.rfftfreq(common.points.size, common.interval_s)[self._bands[i]], dtype=np.float64)
+                # An output counts to its own limit: beyond, what it says is marginalised.
+                deaf, S = self._deaf[i], spectrum.at(f)
+                S = np.where(deaf[:, :, None] | deaf[:, None, :], np.eye(deaf.shape[1]), S)
                 try:
-                    L = np.linalg.cholesky(spectrum.at(f))
+                    L = np.linalg.cholesky(S)
                 except np.linalg.LinAlgError:
                     raise EstimationError(
                         f"{flight}: what is left of the outputs has no spectrum: one of them is dead"
                     ) from None
-                factors[i] = np.linalg.inv(L) * np.sqrt(4.0 * common.interval_s / common.points.size)
+                factors[i] = np.where(deaf[:, :, None], 0.0, np.linalg.inv(L)) * np.sqrt(
+                    4.0 * common.interval_s / common.points.size
+                )
                 # Log determinant of the noise at two numbers a bin, as the squares count them.
                 diagonal = np.abs(np.diagonal(L, axis1=1, axis2=2))
                 self._logdet += 2.0 * float(np.sum(np.log(diagonal)))
@@ -145,11 +157,35 @@ class WhittleLikelihood:
     def profile_cost(self, theta: Array) -> float:
         """Half the deviance at a point (P,), its noise estimated there; infinite where the motion diverges."""
         try:
-            at = self.point(np.clip(theta, self.low, self.high))
-            self.weigh(at)
+            return self.profile_at(self.point(np.clip(theta, self.low, self.high)))
         except EstimationError:
             return np.inf
+
+    def profile_at(self, at: Point) -> float:
+        """Half the deviance at a point, its noise estimated there. Raises EstimationError where a spectrum is none."""
+        self.weigh(at)
         return self.cost(at) + self._logdet
+
+    def profile_gradient(self, at: Point, step: Array) -> Array:
+        """(P,) downhill, of `profile_at`, by differences of these steps (P,) along the slopes at the point.
+
+        Where nothing answers the noise, `normal` has as good a gradient: its mean is zero whatever the weights. What an
+        autopilot commands goes with the noise, and there the mean is zero only where weights move with the estimate.
+        """
+        slopes = [self.model.slopes(i, at.theta) for i in range(len(self.parts))]
+        gradient = np.zeros(step.size)
+        for k, size in enumerate(step):
+            costs = []
+            for off in (size, -size):
+                theta = at.theta.copy()
+                theta[k] += off
+                moved = [off * one[:, :, k] for one in slopes]
+                residuals = [one - change for one, change in zip(at.residuals, moved, strict=True)]
+                simulated = [one + change for one, change in zip(at.simulated, moved, strict=True)]
+                costs.append(self.profile_at(Point(theta, residuals, simulated)))
+            gradient[k] = (costs[1] - costs[0]) / (2.0 * size)
+        self.weigh(at)
+        return gradient
 
     def linear(self, at: Point) -> tuple[Array, Array]:
         """Whitened slopes (K, P) and residuals (K,) of all parts at a point, the noise as it was estimated last."""

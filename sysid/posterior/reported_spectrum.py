@@ -53,8 +53,9 @@ def noise_spectra(
     found = []
     for flight, spectrum in spectra.items():
         own = [part for part in parts if part.flight == flight]
-        counted = (spectrum.frequencies > 0.0) & (spectrum.frequencies <= max(part.highest_hz for part in own))
         for i, name in enumerate(outputs):
+            highest = max(part.highest_hz(name) for part in own)
+            counted = (spectrum.frequencies > 0.0) & (spectrum.frequencies <= highest)
             sensor, unit = _SENSORS[name]
             density = np.sqrt(spectrum.matrices[counted, i, i].real)
             level = sensor_density(vehicle.sensors[sensor].noise, name, own)

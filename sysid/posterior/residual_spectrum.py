@@ -18,10 +18,11 @@ from sysid.posterior.observations import CommonGrid
 
 Complex = NDArray[np.complex128]
 
-# Band of the spectrum of what is left.
-LOWEST_HZ, HIGHEST_HZ = 0.05, 15.0
-# Share of the slowest message's rate up to which a residual is compared.
-NYQUIST_SHARE = 0.42
+# Band of the spectrum of what is left, and the share of a message's rate up to which an output is compared.
+LOWEST_HZ, HIGHEST_HZ, NYQUIST_SHARE = 0.05, 15.0, 0.42
+# The same where commands answer the noise: a loop makes the mean of the likelihood's slopes zero at the truth over the
+# whole band alone (Bode's integral); over less, what lies beyond it is paid for by a pole that is too fast.
+WHOLE_HZ, WHOLE_SHARE = 25.0, 0.5
 _LONGEST_WINDOW_S, _LEAST_WINDOW_S, _WINDOWS = 8.0, 1.5, 6.0
 # Fewer windows than this say nothing of how outputs go together.
 _LEAST_FOR_CROSS = 6.0

@@ -22,6 +22,17 @@ _NOISIER, _COLOURED = 1.3, 1.5
 _CHANCE = 1e-4
 
 
+def beyond_sensors(problem: Problem, setting: FittedModel) -> dict[str, tuple[float, float]]:
+    """Output -> its noise over what its highest frequencies show, and how many samples of its innovations are alike."""
+    result, found = setting.result, {}
+    noise = build_filter(problem, setting.model, setting.coefficients, setting.effects)
+    for j, variance in zip(noise.columns, noise.noise, strict=True):
+        read = [one[:, j] for one in result.residuals if np.isfinite(one[:, j]).any()]
+        colour = float(np.sum(pooled_autocorrelation([one / float(np.nanstd(one)) for one in read])))
+        found[OUTPUTS[j]] = (float(result.sigma[j] / np.sqrt(variance)), colour)
+    return found
+
+
 def lack_of_fit(problem: Problem, setting: FittedModel, least: float = 0.0) -> dict[str, LeftOver]:
     """What filter error leaves: outputs that are noisier than their highest frequencies say and whose innovations are
     coloured, and axes in which smooth terms would still gain more than chance allows; each with how much.
@@ -29,14 +40,11 @@ def lack_of_fit(problem: Problem, setting: FittedModel, least: float = 0.0) -> d
     least: gain of an axis (twice its log likelihood) that is no matter.
     """
     result = setting.result
-    found: dict[str, LeftOver] = {}
-    noise = build_filter(problem, setting.model, setting.coefficients, setting.effects)
-    for j, variance in zip(noise.columns, noise.noise, strict=True):
-        read = [one[:, j] for one in result.residuals if np.isfinite(one[:, j]).any()]
-        colour = float(np.sum(pooled_autocorrelation([one / float(np.nanstd(one)) for one in read])))
-        ratio = float(result.sigma[j] / np.sqrt(variance))
-        if ratio > _NOISIER and colour > _COLOURED:
-            found[OUTPUTS[j]] = LeftOver(f"noise {ratio:.2f} times the sensor's, {colour:.1f} samples alike")
+    found = {
+        output: LeftOver(f"noise {ratio:.2f} times the sensor's, {colour:.1f} samples alike")
+        for output, (ratio, colour) in beyond_sensors(problem, setting).items()
+        if ratio > _NOISIER and colour > _COLOURED
+    }
     names = [parameter.name for parameter in result.parameters]
     explained = explained_by_axis(names, result.theta, result.covariance)
     choices = smooth_terms(problem, setting.model)

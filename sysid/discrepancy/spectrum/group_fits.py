@@ -195,7 +195,7 @@ class GroupFit:
             theta[begin:end] = mean[begin:end]
             for i, name in enumerate((*new, *(one.name for one in flown.unknowns))):
                 theta[i] = start.get(name, theta[i])
-        posterior = Posterior(flown, Prior(mean, information), low, high, before.zeros)
+        posterior = Posterior(flown, Prior(mean, information), low, high, before.zeros, before.whole)
         return GroupFit(posterior, np.clip(theta, low, high), model, coefficients, effects, -np.inf, self.doubts)
 
 

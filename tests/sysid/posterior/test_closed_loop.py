@@ -118,6 +118,12 @@ def test_pitch_is_told_though_an_autopilot_answers_every_gust(answered: tuple[Fi
         assert entry.std is not None
         assert own_bar(entry) < 0.2 * abs(entry.value)
         assert max(low - entry.value, entry.value - high) < 2.5 * own_bar(entry), name
+    # What gusts roll the aircraft by is answered by the ailerons: weights that are held at each step made roll half as
+    # fast again.
+    for name in ("Cl_p", "Cl_da"):
+        entry, (low, high) = found.model.coefficients[name], flight.truth[name]
+        assert entry.value is not None
+        assert max(low - entry.value, entry.value - high) < 2.0 * own_bar(entry), name
     # The rudder did nothing but damp yaw, and is told by how late it does.
     assert any(warning.startswith("rudder: moved by nothing but a law") for warning in found.warnings)
     entry, (low, high) = found.model.coefficients["Cn_dr"], flight.truth["Cn_dr"]
