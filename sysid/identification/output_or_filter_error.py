@@ -105,7 +105,7 @@ def maximum_likelihood(
     if result is not here.result:
         here = replace(here, problem=problem, result=result)
     found = _in_calm_air(here, bench, held, warnings)
-    left = _left_over(found.problem, found.result)
+    left = found.left_over or _left_over(found.problem, found.result)
     return replace(found, left_over=left, warnings=(*found.warnings, *([left] if left else [])))
 
 
@@ -113,9 +113,9 @@ def _in_calm_air(
     here: OutputErrorLinearisation, bench: Sequence[BenchError], held: Sequence[BenchError], warnings: list[str]
 ) -> MaximumLikelihood:
     """The estimate by output error, with bars that count all."""
-    problem, result = here.problem, here.result
+    problem, result, left = here.problem, here.result, ""
     if not result.converged:
-        warnings.append("output error did not converge; the standard errors may be too small")
+        left = "output error did not converge; the standard errors may be too small"
     # What a curve's error or a law of the thrust does to the motion looks like aerodynamics, and has bars of its own;
     # where surfaces were, and when, does not.
     wider = None
@@ -126,12 +126,13 @@ def _in_calm_air(
             wider = widened(problem, here.model, here.coefficients, here.effects, result)
         except EstimationError as error:
             text = "the flight shows what the structure does not hold, and the standard errors do not count it"
-            warnings.append(f"{text}: {error}")
+            left = f"{text}: {error}; use --method map"
     if wider is not None:
-        return _with_misfit(problem, wider, here.effects, (*warnings, wider.warning()), bench, held)
+        found = _with_misfit(problem, wider, here.effects, (*warnings, wider.warning()), bench, held)
+        return replace(found, left_over=left)
     problem, result = with_input_noise(here)
     result, shares = carry(misled([*bench, *held], here), here, result)
-    return MaximumLikelihood(problem, result, "oe", (), tuple(warnings), shares, linearised=here)
+    return MaximumLikelihood(problem, result, "oe", (), tuple(warnings), shares, left_over=left, linearised=here)
 
 
 def _left_over(problem: Problem, result: OutputErrorResult | FilterErrorResult) -> str:

@@ -99,10 +99,11 @@ def test_a_flight_in_which_the_aircraft_tumbles_is_too_poor() -> None:
     assert {"CL", "CD", "Cm"} <= set(found.quality.axes)
 
 
-@pytest.mark.whole_flight
-def test_sensors_that_make_up_for_what_a_structure_lacks_are_no_textbook(tmp_path: Path) -> None:
-    # A light twin whose drag this structure does not hold: output error bends its airspeed and its wind for it.
-    flown = field_flight("stock", 4, tmp_path)
+# A light twin whose drag this structure does not hold: output error bends its airspeed and its wind for it; or finds no
+# size for what is missing, so that its bars hold nothing of it (7 of 14 missed, the worst by 3.9 bars).
+@pytest.mark.parametrize("seed", [4, 52])
+def test_what_a_structure_lacks_makes_no_textbook(tmp_path: Path, seed: int) -> None:
+    flown = field_flight("stock", seed, tmp_path)
     found = identify([flown.signals], flown.vehicle, systematic=False)
     assert result_json(found)["method"] == "map"
     for name in flown.excited:
