@@ -96,14 +96,30 @@ def _compared(asked: Asked, method: str) -> Outcome:
         other = _searched(within, spectrum.begin_textbook(within, read))
     within = _between(0.4, _COMPARED, asked)
     try:
-        return outcome(*_searched(within, innovations.begin(within, read, other[1].named if other else ())))
+        comparison, search = _searched(within, innovations.begin(within, read, other[1].named if other else ()))
+        lost = comparison.lost(search.fit) if search.named and other is not None else ""
+        found = outcome(comparison, search)
+        return (_named_by(other, lost) if other and lost else None) or found
     except SysidError as error:
         if other is None:
             raise
         with suppress(SysidError):
-            found = outcome(*other)
-            return replace(found, warnings=(f"filter error cannot be used: {error}", *found.warnings))
+            return _instead(other, error)
         raise
+
+
+def _instead(other: tuple[Comparison[Fit], SelectionState[Fit]], why: object) -> Outcome:
+    """What another search comes to, and why it is taken."""
+    found = outcome(*other)
+    return replace(found, warnings=(f"filter error cannot be used: {why}", *found.warnings))
+
+
+def _named_by(other: tuple[Comparison[Fit], SelectionState[Fit]], why: str) -> Outcome | None:
+    """What another search comes to where that has a name; None else."""
+    with suppress(SysidError):
+        found = _instead(other, why)
+        return found if found.named else None
+    return None
 
 
 def _searched(asked: Asked, comparison: Comparison[Fit]) -> tuple[Comparison[Fit], SelectionState[Fit]]:

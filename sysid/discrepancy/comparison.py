@@ -76,6 +76,9 @@ class Comparison(Protocol[Fit]):
     def outputs(self) -> Collection[str] | None:
         """Names of outputs that the gap is judged by, None for all."""
 
+    def lost(self, fit: Fit) -> str:
+        """In words, that noise stands for the motion, so that what gains explains that noise; empty where none does."""
+
     def used(self, fit: Fit) -> Compared:
         """The flights that were fitted, with a fit for the last stage."""
 

@@ -176,9 +176,11 @@ def _settle(found: SelectionState[Fit]) -> None:
     for effect in left_of_the_first(found.gains, found.whole):
         # What stays is estimated anew each time.
         one = next(one for one in found.named if one.effect == effect)
-        rest = found.fits_without()[effect]
+        rest = found.fit.without(one.candidate)
         if rest is not None:
             gain = found.gains.pop(effect)
             found.taken_back.append(effect)
             found.leave_out(one, rest, f"but it gains {gain:.0f}, no more than the first may leave of itself")
+    if not found.named:
+        found.fit = found.base
     found.named = [replace(one, values=found.fit.values_of(one.candidate)) for one in found.named]

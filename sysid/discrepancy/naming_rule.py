@@ -1,4 +1,4 @@
-"""When an effect is named: where it takes nearly all of what can be explained, whatever the engine.
+"""When an effect is named: where it takes nearly all of what can be explained, whatever the noise model.
 
 Models and sensors are never known to the per cent, and from a gain of millions anything still finds hundreds. So what
 is left counts against the name by its share and not by its chance: where a right name was the first, it took 86 to

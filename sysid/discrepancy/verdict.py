@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from scipy import special
 
@@ -24,7 +22,7 @@ def outcome(of: Comparison[Fit], found: SelectionState[Fit]) -> Outcome:
     if verdict.name == "unexplained" and found.named:
         # A wrong name is worse than none: what was likeliest stands in the reasons.
         found.named, found.fit = [], found.base
-        used = replace(used, stages={**used.stages, "after": used.stages["before"]})
+        used = of.used(found.fit)
     model, lacking = of.whole_model(found.fit)
     return Outcome(
         of.method, verdict, tuple(found.named), model, found.ruled_out, used, of.judged(found.fit),
@@ -38,6 +36,9 @@ def verdict_of(of: Comparison[Fit], found: SelectionState[Fit], used: Compared) 
     wrong = impossible(found.named)
     reasons = [*(reason(named) for named in found.named), *found.notes, *of.remarks(found.fit), *explained.reasons()]
     reasons += wrong
+    if found.named and (lost := of.lost(found.fit)):
+        reasons.append(lost)
+        return Judgement("unexplained", reasons, explained)
     if explained.is_right and not wrong:
         wider = widening(used, of.outputs)
         if wider < WIDER:

@@ -179,10 +179,11 @@ def _output_error_if_white(
         books = _identify_by_classical_method(asked, "oe", read, compatible)
     except SysidError:
         return None
-    if books.likeliest is None or books.likeliest.left_over or _pulled(books):
+    likeliest = books.likeliest
+    if likeliest is None or likeliest.left_over or not likeliest.whole_bars or _pulled(books):
         return None
     # What its structure does not hold, sensor errors and coefficients make up for together.
-    if books.likeliest.wider is not None and books.likeliest.wider.share > _MISFIT:
+    if likeliest.wider is not None and likeliest.wider.share > _MISFIT:
         return None
     # A sideslip by kinematics may be worth nothing where a simulated one is.
     if any(reason.no_numbers for reason in books.quality.reasons):

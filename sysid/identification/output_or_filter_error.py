@@ -38,7 +38,8 @@ class MaximumLikelihood:
     method: "oe" or "fe". refused: sensor errors that the flight cannot identify beside the coefficients. warnings: in
     words. from_bench: parameter -> source -> its share of the standard error. wider: what was solved in place of
     `problem` where the flight shows aerodynamics outside the structure. left_over: what output error has not explained,
-    in words; its bars are too small then. linearised: of output error, where the last step started, the noise of the
+    in words; its bars are too small then. whole_bars: whether it has come to its end, and bars count all that it sees.
+    linearised: of output error, where the last step started, the noise of the
     inputs not yet taken out.
     """
 
@@ -50,6 +51,7 @@ class MaximumLikelihood:
     from_bench: Mapping[str, Mapping[str, float]]
     wider: WithExtraTerms | None = None
     left_over: str = ""
+    whole_bars: bool = True
     linearised: OutputErrorLinearisation | None = field(default=None, repr=False)
 
     def bench_shares(self) -> tuple[dict[str, dict[str, float]], dict[str, dict[str, float]]]:
@@ -105,7 +107,7 @@ def maximum_likelihood(
     if result is not here.result:
         here = replace(here, problem=problem, result=result)
     found = _in_calm_air(here, bench, held, warnings)
-    left = found.left_over or _left_over(found.problem, found.result)
+    left = _left_over(found.problem, found.result)
     return replace(found, left_over=left, warnings=(*found.warnings, *([left] if left else [])))
 
 
@@ -113,9 +115,10 @@ def _in_calm_air(
     here: OutputErrorLinearisation, bench: Sequence[BenchError], held: Sequence[BenchError], warnings: list[str]
 ) -> MaximumLikelihood:
     """The estimate by output error, with bars that count all."""
-    problem, result, left = here.problem, here.result, ""
-    if not result.converged:
-        left = "output error did not converge; the standard errors may be too small"
+    problem, result = here.problem, here.result
+    whole = result.converged
+    if not whole:
+        warnings.append("output error did not converge; the standard errors may be too small")
     # What a curve's error or a law of the thrust does to the motion looks like aerodynamics, and has bars of its own;
     # where surfaces were, and when, does not.
     wider = None
@@ -126,13 +129,14 @@ def _in_calm_air(
             wider = widened(problem, here.model, here.coefficients, here.effects, result)
         except EstimationError as error:
             text = "the flight shows what the structure does not hold, and the standard errors do not count it"
-            left = f"{text}: {error}; use --method map"
+            warnings.append(f"{text}: {error}; use --method map")
+            whole = False
     if wider is not None:
         found = _with_misfit(problem, wider, here.effects, (*warnings, wider.warning()), bench, held)
-        return replace(found, left_over=left)
+        return replace(found, whole_bars=whole)
     problem, result = with_input_noise(here)
     result, shares = carry(misled([*bench, *held], here), here, result)
-    return MaximumLikelihood(problem, result, "oe", (), tuple(warnings), shares, left_over=left, linearised=here)
+    return MaximumLikelihood(problem, result, "oe", (), tuple(warnings), shares, whole_bars=whole, linearised=here)
 
 
 def _left_over(problem: Problem, result: OutputErrorResult | FilterErrorResult) -> str:

@@ -295,7 +295,10 @@ def estimate(
     if not found:
         raise problem("; ".join(f"{group}: {why}" for group, why in left_out.items()))
     joint, prior_std = joint_of(found)
-    noise = [noise_spectra(one.result.outputs, one.result.spectra, parts, vehicle) for one in found.values()]
+    noise = [
+        noise_spectra(one.result.outputs, one.result.spectra, parts, vehicle, one.posterior.whole)
+        for one in found.values()
+    ]
     return PosteriorEstimate(
         joint, prior_std, found, nuisances_of(found), tuple(one for group in noise for one in group), tuple(unexcited),
         left_out, not_believed_of(found), tuple(warnings_of(found, left_out)),

@@ -138,10 +138,15 @@ class Posterior(WhittleLikelihood):
 
         Slopes by a flow that is imposed are an instrument's: they decide, no cost would fall with them.
         """
-        damping, (H, g, size) = 1e-3, self._likelihood_slopes(at)
+        damping = 1e-3
+        try:
+            H, g, size = self._likelihood_slopes(at)
+        except EstimationError:
+            self.weigh(at)
+            return at, False
         for _ in range(max_passes):
             if size < _FLAT:
-                return at, True
+                break
             accepted = False
             for _ in range(4):
                 try:
@@ -157,7 +162,7 @@ class Posterior(WhittleLikelihood):
             if not accepted:
                 break
         self.weigh(at)
-        return at, False
+        return at, size < _FLAT
 
     def _likelihood_slopes(self, at: Point) -> tuple[Array, Array, float]:
         """Information (P, P), gradient downhill (P,) of `profile_at`, and how far off its maximum is: twice the log

@@ -51,8 +51,8 @@ class FlightPart:
     grid: (N,) s, even. inputs: de, da, dr, throttle and controls of other names as functions of time. motion: alpha,
     beta, p, q, r, phi, theta [rad, rad/s] smoothed, (N,), and slow_alpha. airspeed: true, smoothed. thrust: (N,) N, NaN
     where it follows from the throttle; thrust_from: the signal that gives it, "" for none. rho: (N,) kg/m3. channels:
-    measured outputs by name. common: grid of the residuals. rate_hz: of each output's message, or of the slowest input.
-    position: whether the log holds positions of the surfaces. messages: signal -> the message that carried it.
+    measured outputs by name. common: grid of the residuals. rate_hz: of the slowest of its message, the gyros and the
+    inputs. position: whether the log holds positions of the surfaces. messages: signal -> the message that carried it.
     """
 
     flight: str

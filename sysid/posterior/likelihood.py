@@ -60,7 +60,9 @@ class WhittleLikelihood:
             f = np.fft.rfftfreq(part.common.points.size, part.common.interval_s)
             lowest = max(LOWEST_HZ, 1.0 / part.common.duration_s)
             limits = np.array([part.highest_hz(name, whole) for name in model.outputs])
-            self._bands.append((f >= lowest) & (f <= limits.max()))
+            # The last bin of an even number of samples is one number, not two.
+            below = f < (0.5 - 1e-9) / part.common.interval_s
+            self._bands.append((f >= lowest) & (f <= limits.max()) & below)
             self._deaf.append(f[self._bands[-1], None] > limits)
         self._factors: list[Array] = []
         self._zero: list[Array] = []

@@ -47,14 +47,17 @@ class NoiseSpectrum:
 
 
 def noise_spectra(
-    outputs: Sequence[str], spectra: Mapping[str, ResidualSpectrum], parts: Sequence[FlightPart], vehicle: Vehicle
-) -> tuple[NoiseSpectrum, ...]:
-    """What is left of every output of every flight. spectra: flight -> matrices in the order of outputs."""
+    outputs: Sequence[str], spectra: Mapping[str, ResidualSpectrum], parts: Sequence[FlightPart], vehicle: Vehicle,
+    whole: bool = False,
+) -> tuple[NoiseSpectrum, ...]:  # fmt: skip
+    """What is left of every output of every flight. spectra: flight -> matrices in the order of outputs. whole: whether
+    all of the band counted.
+    """
     found = []
     for flight, spectrum in spectra.items():
         own = [part for part in parts if part.flight == flight]
         for i, name in enumerate(outputs):
-            highest = max(part.highest_hz(name) for part in own)
+            highest = max(part.highest_hz(name, whole) for part in own)
             counted = (spectrum.frequencies > 0.0) & (spectrum.frequencies <= highest)
             sensor, unit = _SENSORS[name]
             density = np.sqrt(spectrum.matrices[counted, i, i].real)

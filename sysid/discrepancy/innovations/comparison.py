@@ -25,7 +25,7 @@ from sysid.discrepancy.gap import fixed_model
 from sysid.discrepancy.identified_effect import Named
 from sysid.discrepancy.innovations.candidate_fits import FittedModel, fitted
 from sysid.discrepancy.innovations.innovations_fit import InnovationsFit
-from sysid.discrepancy.innovations.lack_of_fit import beyond_sensors
+from sysid.discrepancy.innovations.lack_of_fit import COLOURED, beyond_sensors
 from sysid.discrepancy.innovations.posed_flights import (
     BENCH,
     is_beyond_bench,
@@ -72,19 +72,20 @@ class InnovationsComparison:
     method: str = "fe"
     outputs: None = None
 
-    def used(self, fit: InnovationsFit) -> Compared:
-        """The flights that were fitted, with a fit for the last stage.
-
-        Raises EstimationError where the filter does not follow the flights with it: then noise stands for the motion,
-        and what gains there explains that noise.
+    def lost(self, fit: InnovationsFit) -> str:
+        """In words, that the filter does not follow the flights with a fit: noise stands for the motion, and what gains
+        explains that noise. Empty where it does.
         """
+        read = beyond_sensors(fit.problem, fit.at)
+        beyond = {name: ratio for name, (ratio, colour) in read.items() if ratio > _LOST and colour > COLOURED}
+        if not beyond:
+            return ""
+        worst = max(beyond, key=lambda name: beyond[name])
+        return f"the filter does not follow the flight: noise of {worst} is {beyond[worst]:.0f} times the sensor's"
+
+    def used(self, fit: InnovationsFit) -> Compared:
+        """The flights that were fitted, with a fit for the last stage."""
         base, compatible = self.base, self.compatible
-        lost = {name: ratio for name, (ratio, _) in beyond_sensors(fit.problem, fit.at).items() if ratio > _LOST}
-        if lost:
-            worst = max(lost, key=lambda name: lost[name])
-            raise EstimationError(
-                f"the filter does not follow the flight: noise of {worst} is {lost[worst]:.0f} times the sensor's"
-            )
         before = fixed_model(base.problem, base.model, base.result, compatible)
         stages = {"given": fixed_model(base.problem, self.asked.model, self.given, compatible), "before": before}
         stages["after"] = before if fit is base else fixed_model(fit.problem, fit.model, fit.result, compatible)

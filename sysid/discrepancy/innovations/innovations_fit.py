@@ -109,7 +109,7 @@ class InnovationsFit:
         if not tried:
             return []
         gain = 2.0 * (self.cost - tried[0][1].cost)
-        if is_too_little_beside(self.came_with, _RISE * gain):
+        if self.came_with and is_too_little_beside(self.came_with, _RISE * gain):
             return [self._trial(Finalist(*tried[0], gain))]
         progress((len(worth) + 1.0) / (len(worth) + 2.0), "fitting the likeliest to the end")
         return [self._trial(self._without_absent(one)) for one in rank(self.problem, self.at, tried)]

@@ -17,7 +17,7 @@ from sysid.signals.record import OUTPUTS
 
 # Noise of an output over what its highest frequencies show, and how many samples of its innovations are
 # alike (1 where they are white), beyond which something is called unexplained.
-_NOISIER, _COLOURED = 1.3, 1.5
+_NOISIER, COLOURED = 1.3, 1.5
 # Chance of smooth terms of an axis gaining so much where nothing is missing, over all axes.
 _CHANCE = 1e-4
 
@@ -43,7 +43,7 @@ def lack_of_fit(problem: Problem, setting: FittedModel, least: float = 0.0) -> d
     found = {
         output: LeftOver(f"noise {ratio:.2f} times the sensor's, {colour:.1f} samples alike")
         for output, (ratio, colour) in beyond_sensors(problem, setting).items()
-        if ratio > _NOISIER and colour > _COLOURED
+        if ratio > _NOISIER and colour > COLOURED
     }
     names = [parameter.name for parameter in result.parameters]
     explained = explained_by_axis(names, result.theta, result.covariance)

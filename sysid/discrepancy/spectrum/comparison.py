@@ -63,12 +63,11 @@ _BESIDE = {
 
 @dataclass
 class SpectrumComparison:
-    """Flights and a model, by the posterior. model: as it was handed in, with trims. estimated: it fitted again."""
+    """Flights and a model, by the posterior. estimated: the model fitted again."""
 
     asked: Asked
     read: FlightsRead
     seen: Flown
-    model: Model
     estimated: PosteriorEstimate
     base: SpectrumFit
     quality: Quality
@@ -80,6 +79,10 @@ class SpectrumComparison:
     def outputs(self) -> set[str]:
         """Airspeed and attitude were imposed, and what they are off by was not asked for."""
         return {name for fit in self.base.groups.values() for name in fit.posterior.model.outputs}
+
+    def lost(self, fit: SpectrumFit) -> str:
+        """Empty: a simulation has no noise that could stand for the motion."""
+        return ""
 
     def used(self, fit: SpectrumFit) -> Compared:
         """The flights that were fitted, with a fit for the last stage."""
@@ -135,7 +138,7 @@ class SpectrumComparison:
         return self.ended[id(fit)][1]
 
     def _updated(self, fit: SpectrumFit) -> Model:
-        found, model = self._estimate(fit), self.model if fit is self.base else fit.model
+        found, model = self._estimate(fit), fit.model
         entries = found.joint.entries()
         coefficients = {
             name: Coefficient(*entries[name]) if name in entries else e for name, e in model.coefficients.items()
@@ -215,12 +218,14 @@ def _begun(
         excited_motion(records), longitudinal="longitudinal" in estimated.groups, lateral="lateral" in estimated.groups
     )
     problem = Problem(asked.vehicle, tuple(records), (), motion, {})
-    fits = {group: fit_of(one, model, effects) for group, one in estimated.groups.items()}
+    # Where commands answer the noise an estimate ends by other rules than fits of candidates do.
+    ends = {group: fit_of(one, model, effects) for group, one in estimated.groups.items()}
+    fits = {group: (fit.searched() or fit) if fit.posterior.whole else fit for group, fit in ends.items()}
     own = {f"{effect}.{key}": (asked.model.effect(effect) or {})[key] for effect, key in effects}
     signals, gusts = [one.signals for one in read.fitted], seen.compatible.gust_sigma
     warnings = [*seen.warnings, *(one.sentence for one in read.mistakes()), *read.warnings(), *estimated.warnings]
     return SpectrumComparison(
-        asked, read, seen, model, estimated, SpectrumFit(problem, model, fits, {**model.values(), **own}, textbook),
+        asked, read, seen, estimated, SpectrumFit(problem, model, fits, {**model.values(), **own}, textbook),
         flights_quality(signals, seen.prepared, asked.vehicle, gusts, True), warnings,
     )  # fmt: skip
 

@@ -78,7 +78,9 @@ class GroupFit:
     def covariance(self) -> Array:
         """(P, P) of them, in the order of `names`, with the noise as it is estimated here."""
         posterior, count = self.posterior, len(self.names)
-        H, _ = posterior.normal(posterior.point(self.theta))
+        at = posterior.point(self.theta)
+        posterior.weigh(at)
+        H, _ = posterior.normal(at)
         return np.asarray(inverse(H)[:count, :count])
 
     def stds(self) -> dict[str, float]:
@@ -110,12 +112,12 @@ class GroupFit:
         }
         model = self._of_own_axes(extended(self.structure, candidate, values))
         begun = self._rebuilt(model, (*self.coefficients, *own), (*self.effects, *candidate.names), fresh, start)
-        return begun._searched()
+        return begun.searched()
 
     def flying(self, candidate: Candidate, values: Mapping[str, float]) -> GroupFit | None:
         """The fit with an effect that is as it is; None where it is lost."""
         model = self._of_own_axes(extended(self.structure, candidate, within(candidate, dict(values))))
-        return self._rebuilt(model, self.coefficients, self.effects)._searched()
+        return self._rebuilt(model, self.coefficients, self.effects).searched()
 
     def without(self, candidate: Candidate) -> GroupFit | None:
         """The fit without a candidate that it has; None where it is lost."""
@@ -127,7 +129,7 @@ class GroupFit:
             tuple(name for name in self.coefficients if name not in gone),
             tuple(pair for pair in self.effects if pair not in candidate.names),
         )
-        return begun._searched()
+        return begun.searched()
 
     def nuisances(self) -> dict[str, float]:
         """What stands between aircraft and log, the last flight's where each has its own."""
@@ -152,7 +154,7 @@ class GroupFit:
             model, coefficients={name: entry for name, entry in model.coefficients.items() if self.takes(name)}
         )
 
-    def _searched(self) -> GroupFit | None:
+    def searched(self) -> GroupFit | None:
         """The fit from where it begins to its maximum; None where it is lost."""
         try:
             theta = self.posterior.search(self.theta, _PASSES)

@@ -152,8 +152,7 @@ def test_what_is_not_needed_beside_the_others_is_dropped_the_cheapest_first() ->
 
 def test_a_memory_leaves_a_share_of_what_it_came_with_to_others_and_no_more() -> None:
     """A lag that came in with 2,000 gains a million once the noise is small: 3 % of that is no measure of others."""
-    costs = costs_of(u=-1000.0, t=-300.0, ut=-500_000.0)
-    costs[frozenset({"thrust_scale"})] = -1.0
+    costs = costs_of(u=-1000.0, t=-1.0, ut=-500_000.0)
     found = searched(Fit(costs))
     assert names_of(found) == ["unsteady_lift", "thrust_scale"]
     assert found.fit.asked == [pytest.approx(0.03 * 2000.0)]

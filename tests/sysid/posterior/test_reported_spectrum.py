@@ -25,7 +25,9 @@ def left(stamps: Array) -> list[Any]:
     residual = np.asarray(white @ grid.bridged(joined_at(stamps, grid.points)).T)
     spectrum, _ = residual_spectrum([residual], [np.zeros_like(residual)], [grid], misfit=0.0)
     channels = {name: Channel(name, stamps, white[i]) for i, name in enumerate(("q", "az"))}
-    part: Any = SimpleNamespace(flight="white", channels=channels, common=grid, highest_hz=lambda name: HIGHEST_HZ)
+    part: Any = SimpleNamespace(
+        flight="white", channels=channels, common=grid, highest_hz=lambda name, whole: HIGHEST_HZ
+    )
     return list(noise_spectra(("q", "az"), {"white": spectrum}, [part], VEHICLE))
 
 
