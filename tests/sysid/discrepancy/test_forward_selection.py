@@ -158,6 +158,13 @@ def test_a_memory_leaves_a_share_of_what_it_came_with_to_others_and_no_more() ->
     assert found.fit.asked == [pytest.approx(0.03 * 2000.0)]
 
 
+def test_beside_a_memory_that_came_with_much_little_is_not_added() -> None:
+    """A lag came in with 9,800 beside a first name of 200: 3 % of that is 294, more than a third gains."""
+    found = searched(Fit(costs_of(t=-100.0, u=-90.0, tu=-5000.0, tum=-5125.0, um=-100.0, tm=-110.0)))
+    assert names_of(found) == ["thrust_scale", "unsteady_lift"]
+    assert (found.taken_back, found.notes) == ([], [])
+
+
 def test_a_gain_with_gusts_held_fixed_counts_as_far_as_the_size_is_known_beside_them() -> None:
     costs = costs_of(t=-500.0, m=-300.0, tm=-800.0)
     found = searched(Fit(costs, over=frozenset({"mass_error"})))
