@@ -148,10 +148,11 @@ CAMPAIGNS = {
         "tests/campaign/discrepancy.py",
         "whether hidden effects are named where the flight can show them, and nothing where not",
         "hundreds of cases, half a minute each and worker; what is there is kept",
-        {"SEEDS": "5", "SIZES": "2", "EFFECTS": "all", "PART": "single", "MINUTES": "", "WORKERS": ""},
+        {"SEEDS": "5", "SIZES": "2", "EFFECTS": "all", "PART": "single", "METHOD": "", "MINUTES": "", "WORKERS": ""},
         at_full={"SEEDS": "20", "SIZES": "3"},
         hint="less: SEEDS=1 SIZES=1 EFFECTS=stall,vane_lag; FULL=1: 20 seeds of 3 sizes; PART=none: nothing hidden;"
-        " PART=pairs: two effects at once, PART=off-list: one taken out of the catalogue, PART=separating",
+        " PART=pairs: two effects at once, PART=off-list: one taken out of the catalogue, PART=separating;"
+        " METHOD=map or fe: under one noise model alone",
     ),
     "mistakes": LongRun(
         "tests/campaign/mistakes.py",

@@ -112,7 +112,7 @@ def to_separate(cases: Sequence[Case], done: Mapping[str, Mapping[str, Any]], tr
     return found
 
 
-def run(cases: Sequence[Case], path: Path, workers: int, minutes: float) -> None:
+def run(cases: Sequence[Case], path: Path, workers: int, minutes: float, method: str) -> None:
     """Fly and judge what is missing; a flight is made here while the workers judge those before it."""
     path.parent.mkdir(parents=True, exist_ok=True)
     done = keyed_lines(path, "key")
@@ -124,7 +124,7 @@ def run(cases: Sequence[Case], path: Path, workers: int, minutes: float) -> None
     one_thread_each()
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
         try:
-            for count, (case, line) in enumerate(_judged(missing, pool, workers, begin + 60.0 * minutes), 1):
+            for count, (case, line) in enumerate(_judged(missing, pool, workers, begin + 60.0 * minutes, method), 1):
                 with path.open("a", encoding="utf-8") as sink:
                     sink.write(json.dumps(described(case) | line) + "\n")
                 progress(count, len(missing), time.monotonic() - begin)
@@ -134,7 +134,7 @@ def run(cases: Sequence[Case], path: Path, workers: int, minutes: float) -> None
 
 
 def _judged(
-    cases: Sequence[Case], pool: ProcessPoolExecutor, workers: int, until: float
+    cases: Sequence[Case], pool: ProcessPoolExecutor, workers: int, until: float, method: str
 ) -> Iterator[tuple[Case, dict[str, Any]]]:
     """Cases with their lines as they are finished; none is begun after `until`."""
     vehicle = the_vehicle()
@@ -151,7 +151,7 @@ def _judged(
         models = baseline_model(case), None if case.made_up else true_model(case, air=False)
         unlisted = [name for name, _ in case.effects] if case.unlisted else []
         known = unlisted, ruled_out(case)
-        waiting[pool.submit(judged, flights[:1] + also, flights[1:], vehicle, *models, *known)] = case
+        waiting[pool.submit(judged, flights[:1] + also, flights[1:], vehicle, *models, *known, method)] = case
         while len(waiting) > workers:
             yield from _finished(waiting)
     while waiting:
@@ -189,6 +189,7 @@ def main() -> int:
     parser.add_argument("--sizes", type=int, default=2, choices=sorted(SHARES), help="sizes of each effect (default 2)")
     parser.add_argument("--flights", type=int, default=500, help="of the parts `none` and `pairs` (default 500)")
     parser.add_argument("--workers", type=int, default=2, help="processes (default 2)")
+    parser.add_argument("--method", default="auto", choices=("auto", "map", "fe"), help="of the job (default auto)")
     parser.add_argument("--minutes", type=float, default=1e9, help="begin no case after so many")
     parser.add_argument("--tables", action="store_true", help="fly nothing, print what is there of these sources")
     given = parser.parse_args()
@@ -200,7 +201,7 @@ def main() -> int:
     if min(given.seeds, given.workers, given.flights) < 1:
         parser.error("--seeds, --workers and --flights must be at least 1")
     cases = cases_of(given.part, effects, given.seeds, given.sizes, given.flights)
-    mark = fingerprint(SOURCES)
+    mark = fingerprint(SOURCES) + ("" if given.method == "auto" else f"-{given.method}")
     path = OUTPUT / f"{given.part}-{mark}.jsonl"
     truths = Truths(OUTPUT / f"truth-{fingerprint(TRUE_SOURCES)}.jsonl")
     if given.part == "separating":
@@ -212,7 +213,7 @@ def main() -> int:
         )
     if not given.tables:
         try:
-            run(cases, path, given.workers, given.minutes)
+            run(cases, path, given.workers, given.minutes, given.method)
         except KeyboardInterrupt:
             print("stopped; the same command goes on from here", file=sys.stderr)
             return 1

@@ -37,12 +37,12 @@ def judged(
     true: Model | None,
     unlisted: Sequence[str] = (),
     ruled_out: Sequence[str] = (),
+    method: str = "auto",
 ) -> dict[str, Any]:
     """What the job says of a baseline and the flights, and what the truth leaves on the flights to judge by.
 
-    The job gets signals, vehicle and baseline, and a catalogue without the effects `unlisted`, and is told what is
-    `ruled_out`. "true_gap": output ->
-    gap of the true model, its sensor errors fitted; {} where there is none.
+    The job gets signals, vehicle, baseline and method, a catalogue without the effects `unlisted`, and what is
+    `ruled_out`. "true_gap": output -> gap of the true model, its sensor errors fitted; {} where there is none.
     """
     line: dict[str, Any] = {"failure": None, "verdict": None, "named": [], "reasons": [], "gap": {}}
     begin, begin_cpu = time.monotonic(), time.process_time()
@@ -50,7 +50,7 @@ def judged(
         warnings.simplefilter("ignore")
         try:
             with catalogue_without(unlisted):
-                found = discrepancy(fit_on, vehicle, baseline, validate_on=judge_on, ruled_out=ruled_out)
+                found = discrepancy(fit_on, vehicle, baseline, validate_on=judge_on, ruled_out=ruled_out, method=method)
         except SysidError as error:
             line["failure"] = str(error)
         else:
