@@ -13,7 +13,7 @@ from gcs.text.intervals import interval
 from gcs.text.jsontext import dumps
 from gcs.text.nuisance_text import STATED, unknown_words
 from gcs.text.probability_text import p_text, probability_text
-from gcs.text.quality import flights_words, quality_lines
+from gcs.text.quality import flights_words, quality_lines, repeatability_words
 
 _AGREE = {True: "yes", False: "no", None: "not known, the check did not settle"}
 
@@ -150,6 +150,8 @@ def identification_text(result: dict[str, Any]) -> str:
         *_bench_lines(result["model"]),
         *_systematic_lines(result["model"]),
     ]
+    if words := repeatability_words(result):
+        lines += ["", f"repeatability: {words}"]
     lines += _unknown_lines(result.get("nuisances") or [])
     lines += _regression_lines(result.get("regression"))
     lines += _derivative_lines(result.get("dimensional") or {})

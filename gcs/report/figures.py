@@ -29,7 +29,8 @@ def every(result: Result) -> list[Drawing]:
     """All figures of a result of schema identification/1, in the order of the report."""
     series = result.get("series") or {}
     return [
-        *correlations(result["model"]), *noise_spectra(result.get("noise_spectrum") or []), *histories.every(series),
+        *correlations(result["model"]), *repeatability(result.get("repeatability") or {}),
+        *noise_spectra(result.get("noise_spectrum") or []), *histories.every(series),
         *flights(series),
         *residual_statistics(series), *bode(result.get("frequency_responses") or []),
     ]  # fmt: skip
@@ -43,6 +44,17 @@ def correlations(model: Result) -> list[Drawing]:
     side = 1.6 + 0.19 * len(found["names"])
     caption = "Correlation of the estimates' errors, -1 (blue) to 1 (red): what is dark is known together alone"
     return [Drawing("correlation", caption, (min(side + 0.6, 7.4), min(side, 6.8)), partial(_heat, found=found))]
+
+
+def repeatability(found: Result) -> list[Drawing]:
+    """Every coefficient by each of several flights alone, beside the scatter that their bars promise."""
+    if not found:
+        return []
+    caption = (
+        "Each dot is a flight by itself: its distance from the mean of all flights, in standard errors; 95 % belong in"
+        " the grey band. At the right the scatter over the bars: 1 is right, 0.8 to 1.25 usual of ten flights"
+    )
+    return [Drawing("repeatability", caption, (7.4, 0.9 + 0.17 * len(found)), partial(_repeatability, found=found))]
 
 
 def flights(series: Result) -> list[Drawing]:
@@ -118,6 +130,21 @@ def bode(responses: list[Result]) -> list[Drawing]:
         height = 5.8 if measured else 4.4
         found.append(Drawing(f"bode-{source}", caption, (7.4, height), partial(_bode, responses=mine)))
     return found
+
+
+def _repeatability(made: Figure, found: Result) -> None:
+    plot, names = made.subplots(), list(found)
+    plot.axvspan(-_Z95, _Z95, color=LIMIT, alpha=0.15)
+    for row, name in enumerate(names):
+        value, std = np.array([(one["value"], one["std"]) for one in found[name]["flights"].values()]).T
+        mean = np.average(value, weights=1.0 / std**2)
+        plot.plot((value - mean) / std, np.full(value.size, row), ".", color=MEASURED, alpha=0.8)
+        plot.annotate(
+            f"{found[name]['ratio']:.2f}", (1.01, row), xycoords=("axes fraction", "data"), fontsize=7, va="center"
+        )
+    plot.set_yticks(range(len(names)), names, fontsize=7)
+    plot.set_ylim(len(names) - 0.5, -0.5)
+    plot.set_xlabel("distance from the mean of all flights, standard errors")
 
 
 def _heat(made: Figure, found: Result) -> None:

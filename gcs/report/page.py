@@ -12,7 +12,7 @@ from gcs.report.markup import contents, folded, listing, paragraph, section, tex
 from gcs.report.side_by_side import headings, side_by_side
 from gcs.report.symbols import LEGEND, equations
 from gcs.text.generator import GENERATOR
-from gcs.text.quality import flights_words, verdict_words
+from gcs.text.quality import flights_words, repeatability_words, verdict_words
 from gcs.version import VERSION
 
 Result = Mapping[str, Any]
@@ -71,6 +71,8 @@ def _identification(result: Result, beside: Sequence[Result]) -> str:
             tables.refused(result),
             *map(element, figures.correlations(model)),
         ),
+        folded("Repeatability", paragraph(repeatability_words(result)),
+               *map(element, figures.repeatability(result.get("repeatability") or {}))),
         folded("Dimensional derivatives", tables.derivatives(result.get("dimensional") or {})),
         folded("Sensors", _compatible(result), tables.verdicts(result), tables.compatibility(result),
                tables.sensor_errors(result)),

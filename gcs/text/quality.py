@@ -30,3 +30,18 @@ def flights_words(result: Mapping[str, Any]) -> str:
         f"{name} ({senders[name]['type']}, {senders[name]['autopilot']})" if name in senders else str(name)
         for name in result.get("flights", [])
     )
+
+
+def repeatability_words(result: Mapping[str, Any]) -> str:
+    """How flights, each by itself, agree on the coefficients beside their bars; "" where there are too few."""
+    found = result.get("repeatability") or {}
+    if not found:
+        return ""
+    ratios = sorted((one["ratio"], name) for name, one in found.items())
+    middle = ratios[len(ratios) // 2][0]
+    flights = max(len(one["flights"]) for one in found.values())
+    (least, steadiest), (most, loosest) = ratios[0], ratios[-1]
+    return (
+        f"{flights} flights, each by itself, scatter {middle:.2f} times as far as their bars say in the median of"
+        f" {len(ratios)} coefficients ({least:.2f} for {steadiest}, {most:.2f} for {loosest}; 1 is right)"
+    )

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from sim_vehicle.model.model_file import Coefficient, Model
@@ -19,6 +20,7 @@ from sysid.identification.equation_error import EquationEstimate, estimate_by_eq
 from sysid.identification.moving_surfaces import with_surfaces_as_they_moved
 from sysid.identification.output_or_filter_error import MaximumLikelihood, maximum_likelihood, with_error_sources
 from sysid.identification.repaired_flight import FlightsRead, has_whole_imu, read_flights
+from sysid.identification.repeatability import FEWEST, FlightScatter, by_posterior, scattered
 from sysid.identification.request import Request
 from sysid.identification.result_model import (
     MeanMotion,
@@ -70,6 +72,7 @@ class Identification:
     mean: the model about the flights' mean airspeed. compared: the model and the flights that
     it is judged by, or where there are none those that it comes from. posterior: what `map` estimated beside. quality:
     what all of it is worth. flown: the flights with their surfaces as they moved, where the method estimates that.
+    repeatability: coefficient -> what each of several flights says of it by itself.
     """
 
     flights: tuple[Prepared, ...]
@@ -88,6 +91,7 @@ class Identification:
     posterior: PosteriorEstimate | None = None
     quality: Quality = NOTHING_SEEN
     flown: tuple[Prepared, ...] = ()
+    repeatability: Mapping[str, FlightScatter] = field(default_factory=dict)
 
 
 @single_threaded
@@ -138,8 +142,24 @@ def identify(
         found = _choose_method(asked, read)
     else:
         found = _identify_by_classical_method(asked, "oe", read)
+    if found.posterior is None and len(read.fitted) >= FEWEST:
+        progress(0.95, "each flight by itself")
+        found = replace(found, repeatability=_each_by_itself(asked, found, read))
     progress(1.0, "done")
     return found
+
+
+def _each_by_itself(asked: Request, found: Identification, read: FlightsRead) -> dict[str, FlightScatter]:
+    """What each flight says with the same classical method; of those that it can be used for alone."""
+    quiet = replace(asked, systematic=False, progress=lambda share, text: None)
+    method = "ee" if found.likeliest is None else found.likeliest.method
+    each = {}
+    for one in read.fitted:
+        with suppress(SysidError):
+            alone = _identify_by_classical_method(quiet, method, replace(read, fitted=[one], judges=(), left_out=()))
+            entries = alone.model.coefficients.items()
+            each[one.signals.name] = {name: (e.value, e.std) for name, e in entries if e.value is not None and e.std}
+    return scattered(each)
 
 
 def _choose_method(asked: Request, read: FlightsRead) -> Identification:
@@ -295,7 +315,7 @@ def _by_posterior(asked: Request, read: FlightsRead, known: CompatibilityResult 
             None if scale is None else 1.0 - scale[0],
         ),
         tuple(dict.fromkeys((*warnings, *read.warnings()))), mistakes, compared, found.estimate,
-        with_estimate(worth, seen), tuple(flown),
+        with_estimate(worth, seen), tuple(flown), by_posterior(found.estimate),
     )  # fmt: skip
 
 

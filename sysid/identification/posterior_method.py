@@ -44,8 +44,8 @@ _HEIGHT = THRUST_LINE_OFFSET.parameters[0].name
 _AS_KNOWN = 0.975
 # Terms whose usual size holds for any aircraft; rates and surfaces go with its tailplane's lever and its chords.
 _STATIC = frozenset(("alpha", "beta"))
-# A part of the flight is at most so long, s, at least so long.
-_LONGEST_S, _SHORTEST_S = 120.0, 5.0
+# A part of the flight is at most so long, s.
+_LONGEST_S = 120.0
 # Quiet flight of up to so long between two excited stretches stays in their part, s: it determines the noise.
 _JOINED_S = 15.0
 
@@ -304,8 +304,6 @@ def _parts(
                 spans.append([begin, end])
         by_kinematics = {name: (np.concatenate(t), np.concatenate(v)) for name, (t, v) in path.items()}
         for begin, end in spans:
-            if end - begin < _SHORTEST_S and len(spans) > 1:
-                continue
             try:
                 parts.append(make_part(flight, vehicle, begin, end, by_kinematics))
             except SysidError as error:

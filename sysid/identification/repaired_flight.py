@@ -12,6 +12,7 @@ from sysid.arrays import Array
 from sysid.errors import SegmentError, SignalError, SysidError
 from sysid.signal_check.corrected_faults import repaired
 from sysid.signal_check.dead_airspeed import with_airspeed
+from sysid.signal_check.dead_thrust import without_dead_thrust
 from sysid.signal_check.fault import Mistake
 from sysid.signals.flight import BY_ATTITUDE, FlightSignals, Signal, repeats
 from sysid.signals.preparation import Prepared, prepare
@@ -68,6 +69,8 @@ def meant(
     airflow = with_airspeed(without_dead(flight), vehicle)
     flight = airflow.signals
     found = prepared_flight(flight, vehicle, start_s, stop_s)
+    while (thrusting := without_dead_thrust(flight, found.prepared)) is not flight:
+        flight, found = thrusting, prepared_flight(thrusting, vehicle, start_s, stop_s)
     try:
         signals, mistakes = repaired(flight, found.prepared, vehicle, as_recorded)
         if signals is not flight:

@@ -58,6 +58,7 @@ def result_json(found: Identification) -> dict[str, Any]:
         **_linear(found),
         **({} if found.equation_error is None else {"regression": found.equation_error.report}),
         "quality": found.quality.to_json(),
+        "repeatability": {name: one.to_json() for name, one in found.repeatability.items()},
         "validation": _validation(found.validation, found.validation_flights),
         **_series(found),
         "refused": [refusal.to_json() for refusal in found.refused],

@@ -45,7 +45,8 @@ class PosteriorResult:
     """The maximum, with its uncertainty.
 
     names: of the unknowns without the initial states, (P,). theta: (P,). states: initial ones. covariance: (P, P),
-    the larger of Fisher's and the sandwich over blocks of time. fisher: (P, P). prior_std: (P,). misfit: share of
+    the larger of Fisher's and the sandwich over blocks of time. fisher: (P, P). noise_std: (P,) what noise alone leaves
+    open, by the larger of the two. prior_std: (P,). misfit: share of
     the motion that the structure may not hold. spectra: by flight. outputs: names. residuals: by part, (m, K).
     passes: steps made. feedback_of: surface -> share of its command's variance that follows the residuals: a closed
     loop. laws: surfaces that nothing moves but a law of the motion. unclear: whether parts are too short to see a loop
@@ -60,6 +61,7 @@ class PosteriorResult:
     states: Array
     covariance: Array
     fisher: Array
+    noise_std: Array
     prior_std: Array
     misfit: float
     spectra: Mapping[str, ResidualSpectrum]
@@ -307,7 +309,8 @@ class Posterior(WhittleLikelihood):
         weight = np.diag(self.prior.information)[:P]
         prior_std = 1.0 / np.sqrt(np.maximum(weight, 1e-300))
         return PosteriorResult(
-            self.model.names, at.theta[:P], at.theta[P:], covariance[:P, :P], fisher[:P, :P], prior_std, self.misfit,
+            self.model.names, at.theta[:P], at.theta[P:], covariance[:P, :P], fisher[:P, :P],
+            (np.sqrt(np.diag(fisher)) * growth)[:P], prior_std, self.misfit,
             dict(self.spectra), self.model.outputs, tuple(at.residuals), passes, converged,
             self.cost(at) + self._logdet, feedback_of, laws, bool(unclear) and not feedback_of,
             {doubt.name: shift[:P] for doubt, shift in zip(doubts, shifts, strict=True)},
@@ -347,7 +350,9 @@ class Posterior(WhittleLikelihood):
         """(B, P) gradients of blocks of time, by which the sandwich sees what colour the whitened residuals keep."""
         common, band, m = self.parts[index].common, self._bands[index], len(self.model.outputs)
         n, bins = common.points.size, int(np.count_nonzero(band))
-        blocks = int(np.clip(round(common.duration_s / _BLOCK_S), _LEAST_BLOCKS, 300))
+        # A window shorter than a block is one, where there are others.
+        least = -(-_LEAST_BLOCKS // len(self.parts))
+        blocks = int(np.clip(round(common.duration_s / _BLOCK_S), least, 300))
         edges = np.linspace(0, n, blocks + 1).astype(int)
         stacked = np.column_stack((J, e))[: 2 * bins * m]
         W = (stacked[: bins * m] + 1j * stacked[bins * m :]).reshape(bins, m, -1)

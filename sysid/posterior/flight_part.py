@@ -27,6 +27,8 @@ from sysid.signals.thrust_source import MOTORS, behind_motor, dead_thrust, thrus
 
 # Step of the simulation, s; residuals are compared at no finer steps than the second.
 STEP_S, COMMON_STEP_S = 0.01, 0.02
+# No part is shorter, s.
+SHORTEST_S = 0.7
 # The start of a part is left out of the spectrum over so long, s.
 _RISE_S = 0.5
 # Half widths of the windows that smooth what is imposed, s, and in samples where these are further apart.
@@ -184,8 +186,8 @@ def make_part(
     Raises
     ------
     SignalError
-        Where something that nothing can stand for is missing, where less than 3 s are left in which all is read, or
-        where the airspeed reads nothing.
+        Where something that nothing can stand for is missing, where less than `SHORTEST_S` are left in which all is
+        read, or where the airspeed reads nothing.
     """
     read = {name: finite(signals, name, begin, end) for name in (*MEASURED, *ESSENTIAL)}
     inertial = [name for name in IMU if name in signals.signals]
@@ -202,9 +204,9 @@ def make_part(
     earliest = begin - 1.0
     begin = max(begin, *(read[name][0][0] for name in needed))
     end = min(end, *(read[name][0][-1] for name in needed))
-    if end - begin < 3.0:
+    if end - begin < SHORTEST_S:
         raise SignalError(
-            f"{signals.name}: from {begin:.1f} to {end:.1f} s there are less than 3 s in which all is read"
+            f"{signals.name}: from {begin:.1f} to {end:.1f} s there are less than {SHORTEST_S:g} s in which all is read"
         )
     grid: Array = begin + STEP_S * np.arange(int((end - begin) / STEP_S), dtype=np.float64)
     inputs, position = inputs_of(signals, vehicle, earliest, end)

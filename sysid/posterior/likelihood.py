@@ -14,6 +14,7 @@ import numpy as np
 
 from sysid.arrays import Array
 from sysid.errors import EstimationError
+from sysid.posterior.flight_part import FlightPart
 from sysid.posterior.group_model import GroupModel
 from sysid.posterior.residual_spectrum import (
     LEAST_MISFIT,
@@ -22,6 +23,11 @@ from sysid.posterior.residual_spectrum import (
     ResidualSpectrum,
     residual_spectrum,
 )
+
+# Flight that is at least so long shows the spectrum of its own noise, s: five of Welch's windows.
+_OWN_NOISE_S = 8.0
+# Intervals that are one, a ratio.
+_ALIKE = 1.1
 
 
 @dataclass(frozen=True)
@@ -54,7 +60,7 @@ class WhittleLikelihood:
         self.zeros, self.whole = zeros, whole
         self._zero_std = np.array([zeros[name] for name in model.outputs])
         self.parts = model.parts
-        self.flights = list(dict.fromkeys(part.flight for part in self.parts))
+        self._alike = of_one_noise(self.parts)
         self._bands, self._deaf = [], []
         for part in self.parts:
             f = np.fft.rfftfreq(part.common.points.size, part.common.interval_s)
@@ -86,16 +92,15 @@ class WhittleLikelihood:
         factors: list[Array | None] = [None] * len(self.parts)
         zero: list[Array | None] = [None] * len(self.parts)
         self._logdet, shares = 0.0, []
-        for flight in self.flights:
-            places = [i for i, part in enumerate(self.parts) if part.flight == flight]
+        for places in self._alike:
             grids = [self.parts[i].common for i in places]
             spectrum, share = residual_spectrum(
                 [at.residuals[i] for i in places], [at.simulated[i] for i in places], grids,
                 least=LEAST_OF_KNOWN if all(self.model.steps_at_stamps(i) for i in places) else LEAST_MISFIT,
             )  # fmt: skip
             shares.append(share)
-            self.spectra[flight] = spectrum
             for i in places:
+                self.spectra[self.parts[i].flight] = spectrum
                 common = self.parts[i].common
                 f = np.asarray(np.fft.rfftfreq(common.points.size, common.interval_s)[self._bands[i]], dtype=np.float64)
                 # An output counts to its own limit: beyond, what it says is marginalised.
@@ -105,7 +110,7 @@ class WhittleLikelihood:
                     L = np.linalg.cholesky(S)
                 except np.linalg.LinAlgError:
                     raise EstimationError(
-                        f"{flight}: what is left of the outputs has no spectrum: one of them is dead"
+                        f"{self.parts[i].flight}: what is left of the outputs has no spectrum: one of them is dead"
                     ) from None
                 factors[i] = np.where(deaf[:, :, None], 0.0, np.linalg.inv(L)) * np.sqrt(
                     4.0 * common.interval_s / common.points.size
@@ -145,16 +150,26 @@ class WhittleLikelihood:
 
         Raises EstimationError where a neighbour of the point diverges: the slopes are differences.
         """
-        off = at.theta - self.prior.mean
-        H, g = self.prior.information.copy(), -(self.prior.information @ off)
-        for i, residual in enumerate(at.residuals):
-            J = self.whitened(i, self.model.slopes(i, at.theta))
-            e = self.whitened(i, residual[:, :, None])[:, 0]
-            H += J.T @ J
-            g += J.T @ e
+        H, g = self._equations(at, range(len(at.residuals)))
         if not (np.isfinite(H).all() and np.isfinite(g).all()):
             raise EstimationError("the simulated motion diverges beside the estimate")
         return H, g
+
+    def _equations(self, at: Point, places: Sequence[int]) -> tuple[Array, Array]:
+        off = at.theta - self.prior.mean
+        H, g = self.prior.information.copy(), -(self.prior.information @ off)
+        for i in places:
+            J = self.whitened(i, self.model.slopes(i, at.theta))
+            e = self.whitened(i, at.residuals[i][:, :, None])[:, 0]
+            H += J.T @ J
+            g += J.T @ e
+        return H, g
+
+    def equations_of(self, theta: Array, flight: str) -> tuple[Array, Array]:
+        """Information (P, P) and gradient downhill (P,) of one flight, prior included, at a point (P,) of all."""
+        at = self.point(theta)
+        self.weigh(at)
+        return self._equations(at, [i for i, part in enumerate(self.parts) if part.flight == flight])
 
     def profile_cost(self, theta: Array) -> float:
         """Half the deviance at a point (P,), its noise estimated there; infinite where the motion diverges."""
@@ -212,3 +227,20 @@ class WhittleLikelihood:
         H, _ = self.normal(at)
         volume = np.linalg.slogdet(self.prior.information)[1] - np.linalg.slogdet(H)[1]
         return -(self.cost(at) + self._logdet) + 0.5 * float(volume)
+
+
+def of_one_noise(parts: Sequence[FlightPart]) -> list[list[int]]:
+    """Places of parts whose noise has one spectrum: those of a flight, and all that are too short to show their own."""
+    seconds: dict[str, float] = {}
+    for part in parts:
+        seconds[part.flight] = seconds.get(part.flight, 0.0) + part.common.duration_s
+    found: dict[str | float, list[int]] = {}
+    shortest = 0.0
+    # Spectra of windows whose grids are alike are of the same frequencies.
+    for i, part in sorted(enumerate(parts), key=lambda one: one[1].common.interval_s):
+        key: str | float = part.flight
+        if seconds[part.flight] < _OWN_NOISE_S:
+            shortest = shortest if part.common.interval_s < _ALIKE * shortest else part.common.interval_s
+            key = shortest
+        found.setdefault(key, []).append(i)
+    return list(found.values())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -92,17 +92,6 @@ def once(reasons: Iterable[Reason]) -> tuple[Reason, ...]:
     """The reasons in order, the poor ones first, each sentence once."""
     every = {one.sentence: one for one in reasons}.values()
     return (*(one for one in every if one.verdict == POOR), *(one for one in every if one.verdict != POOR))
-
-
-def joined(each: Sequence[Quality]) -> Quality:
-    """The verdict of several flights estimated together: an axis is flown where one of them flew it."""
-    if len(each) == 1:
-        return each[0]
-    axes = tuple(axis for axis in AXES if any(axis in one.axes for one in each))
-    lost = [{axis for entry in one.not_flown for axis in entry.axes} for one in each]
-    never = set.intersection(*lost)
-    not_flown = {one.sentence: one for quality in each for one in quality.not_flown if set(one.axes) <= never}
-    return Quality(once(one for quality in each for one in quality.reasons), axes, tuple(not_flown.values()))
 
 
 def _worst(verdicts: Iterable[str]) -> str:

@@ -22,7 +22,7 @@ from sysid.arrays import Array
 from sysid.errors import SignalError
 from sysid.numerics.feedback_law import LAW_OF, is_feedback_law
 from sysid.numerics.smoothing import noise_sigma
-from sysid.quality.flight_quality import CARE, LATERAL, LONGITUDINAL, POOR, Quality, Reason, joined, once
+from sysid.quality.flight_quality import CARE, LATERAL, LONGITUDINAL, POOR, Quality, Reason, once
 from sysid.quality.thresholds import LIMITS_OF_QUALITY as LIMITS
 from sysid.signals.flight import BY_ATTITUDE, FlightSignals, repeats
 from sysid.signals.preparation import Prepared
@@ -90,14 +90,14 @@ def flights_quality(
     SeenFlight.
     """
     pairs = zip(signals, prepared, strict=True)
-    return joined([flight_quality(SeenFlight(one, each, vehicle, gusts, simulated)) for one, each in pairs])
+    return quality_of([SeenFlight(one, each, vehicle, gusts, simulated) for one, each in pairs])
 
 
-def flight_quality(seen: SeenFlight) -> Quality:
-    """The verdict by the rules of this module."""
-    lost = tuple(_not_flown(seen))
+def quality_of(flights: Sequence[SeenFlight]) -> Quality:
+    """The verdict by the rules of this module: what excites an axis is asked of all flights together."""
+    lost = tuple(_not_flown(flights))
     gone = {axis for one in lost for axis in one.axes}
-    found = once(reason for rule in RULES for reason in rule(seen))
+    found = once((*(reason for rule in RULES for one in flights for reason in rule(one)), *_excitation(flights)))
     return Quality(tuple(one for one in found if not one.axes or set(one.axes) - gone), AXES, lost)
 
 
@@ -179,33 +179,41 @@ def _vibration(seen: SeenFlight) -> Iterator[Reason]:
             yield Reason(CARE, f"{name} is cut off at {top:.1f} g, {at_end} times", "set a wider range")
 
 
-def _not_flown(seen: SeenFlight) -> Iterator[Reason]:
+def _not_flown(flights: Sequence[SeenFlight]) -> Iterator[Reason]:
     for axes, surfaces in _MOVED_BY.items():
         words = " and ".join(_SURFACES[name] for name in surfaces)
-        moved = [name for name in surfaces if seen.moved(name)]
+        moved = {name: of for name in surfaces if (of := [one for one in flights if one.moved(name)])}
         if not moved:
             yield Reason(POOR, f"{words} did not move", f"fly test inputs on {words}", axes)
-        elif seen.gusts > 0.0 and all(seen.follows_a_law(name) for name in moved):
+        elif all(one.gusts > 0.0 and one.follows_a_law(name) for name, of in moved.items() for one in of):
             alone = " and ".join(_SURFACES[name] for name in moved)
             text = f"{alone} did nothing but follow the motion (a hold, a damper), which gusts alone have excited"
             yield Reason(POOR, text, f"fly test inputs on {words}", axes, no_numbers=True)
 
 
-def _excitation(seen: SeenFlight) -> Iterator[Reason]:
+def _excitation(flights: Sequence[SeenFlight]) -> Iterator[Reason]:
     """Whether each surface has moved by itself. How much and how long is enough the bars say
     (`sysid.quality.estimate_rules`).
     """
-    moved = [name for name in ("da", "dr") if seen.moved(name)]
+    moved = [name for name in ("da", "dr") if any(one.moved(name) for one in flights)]
     if len(moved) == 2:
-        (stamps, aileron), (others, rudder) = seen.samples("da"), seen.samples("dr")
-        there = np.interp(stamps, others, rudder)
-        if abs(float(np.corrcoef(aileron, there)[0, 1])) > LIMITS.alike:
+        both = np.concatenate([_aileron_and_rudder(one) for one in flights], axis=1)
+        if abs(float(np.corrcoef(both)[0, 1])) > LIMITS.alike:
             yield Reason(
                 CARE, "aileron and rudder move together", "move one at a time, or a multisine on each", LATERAL
             )
     elif moved:
         (still,) = {"da", "dr"} - set(moved)
         yield Reason(CARE, f"{_SURFACES[still]} did not move", f"fly test inputs on {_SURFACES[still]}", LATERAL)
+
+
+def _aileron_and_rudder(seen: SeenFlight) -> Array:
+    """(2, N) of a flight about their means, at the aileron's stamps."""
+    (stamps, aileron), (others, rudder) = seen.samples("da"), seen.samples("dr")
+    if not stamps.size or not others.size:
+        return np.zeros((2, 0))
+    there = np.interp(stamps, others, rudder)
+    return np.stack((aileron - aileron.mean(), there - there.mean()))
 
 
 def _sideslip(seen: SeenFlight) -> Iterator[Reason]:
@@ -308,5 +316,5 @@ def _slope(angle: Array, lift: Array) -> tuple[float, float] | None:
 
 
 RULES: tuple[Callable[[SeenFlight], Iterator[Reason]], ...] = (
-    _aircraft, _rates, _sideslip, _gaps, _vibration, _excitation, _sensors, _air,
+    _aircraft, _rates, _sideslip, _gaps, _vibration, _sensors, _air,
 )  # fmt: skip

@@ -31,6 +31,8 @@ _SAME_S = 0.015
 # What both sides share of their motion at that delay, as squared correlation, and what it leaves of what they do not
 # share without one.
 _SHARED, _LEFT = 0.9, 0.5
+# What is said of a sensor for all of a flight needs so much of it, s.
+_LEAST_FLIGHT_S = 8.0
 
 
 def uncorrected_mistakes(
@@ -40,6 +42,8 @@ def uncorrected_mistakes(
 
     relations: the misfit of `columns` in `windows`, halves in turn.
     """
+    if sum(one.size * one.interval_s for one in windows) < _LEAST_FLIGHT_S:
+        return []
     turns = [one for one in TURNS if one[0] in relations.gains and not {*one} & {*as_recorded}]
     found = [_gain_mistake(*one, relations.gain(one[0])) for one in turns if relations.is_gain(one[0])]
     late = [(*one, delay) for one in turns if (delay := _delay(one[0], windows, columns)) is not None]

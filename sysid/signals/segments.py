@@ -30,6 +30,7 @@ LEAD_S = 1.0  # trimmed flight kept before the first input
 TAIL_S = 3.0  # the free response kept after the last one
 MERGE_S = 3.0
 MIN_LENGTH_S = 4.0
+WINDOW_S, WINDOW_SHARE = 0.8, 0.7  # a record that is shorter itself is a window: so much of it, and so long
 WHOLE_SHARE = 0.7  # an airborne part excited for more than this share is taken whole
 SHORT_FLIGHT_S = 30.0  # so is one that is short altogether: trimmed samples determine the sensor biases
 
@@ -57,7 +58,7 @@ def find_segments(
 
     data: needs `airspeed` (m/s; else `vn ve`), body rates, and the surfaces `de da dr` where known; `altitude`
         or `height` (m), where present, distinguishes take-off roll and landing from flight.
-    min_length_s: shortest part given, s.
+    min_length_s: shortest part given, s; of a record not much longer itself WINDOW_SHARE of it, WINDOW_S at least.
     require_excited: if no part is excited, True raises and False gives the airborne parts as kind "steady".
     Returns the parts in order of time, without overlap and without gaps in the data.
     Raises SegmentError in one line if the flight holds none.
@@ -65,10 +66,11 @@ def find_segments(
     interval = data.interval_s
     airborne = airborne_mask(data)
     usable = airborne & _complete(data)
+    min_length_s = min(min_length_s, max(WINDOW_SHARE * usable.size * interval, WINDOW_S))
     runs = [run for run in _runs(usable) if (run[1] - run[0]) * interval >= min_length_s]
     if not runs:
         raise SegmentError(
-            f"{data.name}: no airborne part of {min_length_s:g} s without gaps in {_present(data)};"
+            f"{data.name}: no airborne part of {min_length_s:.2g} s without gaps in {_present(data)};"
             " give the part by --from and --to"
         )
     activity = _activity(data, usable)

@@ -205,7 +205,7 @@ def test_a_missing_signal_is_named_in_one_line(
 def test_a_flight_that_is_none_is_told_in_one_line(six_axes: FlightSignals) -> None:
     flights: list[tuple[FlightSignals, type[SysidError]]] = [
         (cut(six_axes, 0.0), SignalError),
-        (cut(six_axes, 3.0), SegmentError),
+        (cut(six_axes, 0.6), SegmentError),
         (changed(six_axes, airspeed=np.zeros_like, vn=None), SysidError),
         (fly_mav("cruise", 1, duration=12.0)[0], SegmentError),
     ]
@@ -217,7 +217,7 @@ def test_a_flight_that_is_none_is_told_in_one_line(six_axes: FlightSignals) -> N
 
 @pytest.mark.parametrize("method", ["auto", "map", "ee", "oe"])
 def test_of_several_flights_one_that_is_too_short_is_left_out_and_named(six_axes: FlightSignals, method: str) -> None:
-    short = replace(cut(six_axes, 2.0), name="short")
+    short = replace(cut(six_axes, 0.6), name="short")
     found = identify([short, six_axes], VEHICLE, method=method, systematic=False)
     assert [one.data.name for one in found.flights] == ["multisine-1"]
     assert any(warning.startswith("left out: short: ") for warning in found.warnings)

@@ -10,7 +10,7 @@ from scipy import signal
 
 from sysid.arrays import Array
 from sysid.errors import EstimationError
-from sysid.posterior.likelihood import Point, Prior, WhittleLikelihood
+from sysid.posterior.likelihood import Point, Prior, WhittleLikelihood, of_one_noise
 from sysid.posterior.observations import common_grid
 
 
@@ -122,3 +122,14 @@ def test_an_output_says_nothing_beyond_its_own_limit_and_the_others_go_on() -> N
     narrow.profile_cost(at)
     # What the roll says beyond the limit of the other output counts.
     assert np.all(np.diag(slopes[0]) > 1.02 * np.diag(narrow.normal(narrow.point(at))[0]))
+
+
+def test_noise_of_windows_is_one_where_their_grids_are_and_that_of_a_flight_its_own() -> None:
+    def part(flight: str, seconds: float, interval_s: float) -> Any:
+        return SimpleNamespace(flight=flight, common=common_grid(0.0, seconds, interval_s, [], 0.1))
+
+    parts = [
+        part("whole", 30.0, 0.02), part("a", 2.0, 0.0400), part("b", 1.5, 0.0404), part("slow", 3.0, 0.1),
+        part("whole", 10.0, 0.02), part("of two", 5.0, 0.02), part("of two", 5.0, 0.02), part("c", 2.0, 0.0397),
+    ]  # fmt: skip
+    assert sorted(map(sorted, of_one_noise(parts))) == [[0, 4], [1, 2, 7], [3], [5, 6]]

@@ -13,8 +13,8 @@ from sim_vehicle.model.model_file import Coefficient, Model
 from sim_vehicle.vehicle.vehicle_file import Vehicle, load_vehicle
 from sysid.identify import identify
 from sysid.quality.estimate_rules import SeenEstimate, with_estimate
-from sysid.quality.flight_quality import CARE, LATERAL, LONGITUDINAL, POOR, Quality, Reason, joined
-from sysid.quality.flight_rules import SeenFlight, flight_quality
+from sysid.quality.flight_quality import CARE, LATERAL, LONGITUDINAL, POOR, Quality, Reason, once
+from sysid.quality.flight_rules import SeenFlight, quality_of
 from sysid.signals.flight import FlightSignals, Signal
 from sysid.signals.preparation import prepare
 from sysid.validation.statistics import validate
@@ -39,8 +39,8 @@ def thinned(one: Signal, step: int) -> Signal:
     return replace(one, time_s=one.time_s[::step], values=one.values[::step])
 
 
-def judged(flight: FlightSignals, vehicle: Vehicle = VEHICLE, gusts: float = 0.0) -> Quality:
-    return flight_quality(SeenFlight(flight, prepare(flight, vehicle), vehicle, gusts, False))
+def judged(*flights: FlightSignals, vehicle: Vehicle = VEHICLE, gusts: float = 0.0) -> Quality:
+    return quality_of([SeenFlight(flight, prepare(flight, vehicle), vehicle, gusts, False) for flight in flights])
 
 
 def test_a_flight_as_it_should_be_is_good(flight: FlightSignals) -> None:
@@ -61,7 +61,7 @@ def test_a_flight_that_lacks_some_axes_is_good_for_the_others_alone(flight: Flig
 @pytest.mark.parametrize(("hz", "verdict", "words"), [(25, "care", "come at 25 Hz"), (5, "poor", "come at 5 Hz")])
 def test_slow_sensors(hz: int, verdict: str, words: str, flight: FlightSignals) -> None:
     imu = {name: thinned(flight.signals[name], 50 // hz) for name in ("ax", "ay", "az", "p", "q", "r")}
-    found = flight_quality(SeenFlight(changed(flight, **imu), prepare(flight, VEHICLE), VEHICLE, 0.0, False))
+    found = quality_of([SeenFlight(changed(flight, **imu), prepare(flight, VEHICLE), VEHICLE, 0.0, False)])
     assert found.verdict == verdict
     assert any(words in one.text and one.advice for one in found.reasons)
 
@@ -70,7 +70,7 @@ def test_lost_samples_are_a_share_of_the_time(flight: FlightSignals) -> None:
     q = flight.signals["q"]
     kept = (q.time_s < 5.0) | (q.time_s > 6.0)
     gaps = replace(q, time_s=q.time_s[kept], values=q.values[kept])
-    found = flight_quality(SeenFlight(changed(flight, q=gaps), prepare(flight, VEHICLE), VEHICLE, 0.0, False))
+    found = quality_of([SeenFlight(changed(flight, q=gaps), prepare(flight, VEHICLE), VEHICLE, 0.0, False)])
     (reason,) = found.reasons
     assert reason.verdict == CARE
     # A second of the twenty that the flight lasts, and one gap.
@@ -79,7 +79,7 @@ def test_lost_samples_are_a_share_of_the_time(flight: FlightSignals) -> None:
 
 def test_another_aircrafts_file_is_seen_by_weight_against_lift(flight: FlightSignals) -> None:
     heavy = replace(VEHICLE, mass=replace(VEHICLE.mass, mass=30.0 * VEHICLE.mass.mass))
-    found = judged(flight, heavy)
+    found = judged(flight, vehicle=heavy)
     assert found.verdict == POOR
     assert "another aircraft" in found.reasons[0].sentence
     assert all(one["verdict"] == POOR for one in found.to_json()["axes"].values())
@@ -91,7 +91,7 @@ def test_another_aircrafts_file_is_seen_by_what_the_lift_gains_with_the_angle(
 ) -> None:
     """Where the lift that its weight asks for is one that aircraft fly with."""
     mass = replace(VEHICLE.mass, mass=factor * VEHICLE.mass.mass)
-    found = judged(flight, replace(VEHICLE, mass=mass))
+    found = judged(flight, vehicle=replace(VEHICLE, mass=mass))
     (reason,) = [one for one in found.reasons if "per radian of angle of attack" in one.text]
     assert (reason.verdict, "another aircraft" in reason.advice) == (POOR, True)
 
@@ -102,7 +102,9 @@ def test_a_mass_wrong_by_half_is_no_other_aircraft(flight: FlightSignals) -> Non
     noise = replace(alpha, values=np.std(alpha.values) * rng.standard_normal(alpha.values.size) / 100.0)
     bent = replace(alpha, values=0.7 * alpha.values)
     wrong = [replace(VEHICLE, mass=replace(VEHICLE.mass, mass=one * VEHICLE.mass.mass)) for one in (0.7, 1.5)]
-    cases = [judged(flight, one) for one in wrong] + [judged(changed(flight, alpha=one)) for one in (noise, bent)]
+    cases = [judged(flight, vehicle=one) for one in wrong] + [
+        judged(changed(flight, alpha=one)) for one in (noise, bent)
+    ]
     assert not [one for found in cases for one in found.reasons if "another aircraft" in one.advice]
 
 
@@ -128,13 +130,19 @@ def test_readings_at_the_end_of_the_range_are_told(flight: FlightSignals) -> Non
 
 
 def test_what_no_surface_flew_is_poor_and_does_not_spoil_the_rest() -> None:
-    found = judged(fly_mav("elevator-3211", 2)[0])
+    elevator = fly_mav("elevator-3211", 2)[0]
+    found = judged(elevator)
     assert {axis: found.of_axis(axis) for axis in LATERAL} == dict.fromkeys(LATERAL, POOR)
     assert all(found.of_axis(axis) != POOR for axis in LONGITUDINAL)
     assert found.verdict != POOR
-    other = judged(fly_mav("aileron-doublet,rudder-doublet", 2)[0])
-    both = joined([found, other])
-    assert both.not_flown == ()
+    assert judged(elevator, fly_mav("aileron-doublet,rudder-doublet", 2)[0]).not_flown == ()
+
+
+def test_what_one_of_several_flights_moved_has_moved() -> None:
+    aileron, rudder = (fly_mav(f"{name}-doublet", 2)[0] for name in ("aileron", "rudder"))
+    assert any(one.text == "rudder did not move" for one in judged(aileron).reasons)
+    texts = [one.text for one in judged(aileron, rudder).reasons]
+    assert not any("did not move" in text or "move together" in text for text in texts)
 
 
 def model(**values: tuple[float, float] | None) -> Model:
@@ -177,8 +185,7 @@ def test_what_a_flight_held_out_says_reaches_the_verdict() -> None:
 
 def test_several_reasons_of_one_kind_are_said_once() -> None:
     one = Quality((Reason(CARE, "slow"), Reason(POOR, "dead", "mend it")), AXES)
-    found = joined([one, one])
-    assert [reason.sentence for reason in found.reasons] == ["dead; mend it", "slow"]
+    assert [reason.sentence for reason in once([*one.reasons, *one.reasons])] == ["dead; mend it", "slow"]
 
 
 def test_an_identification_carries_the_verdict_of_flight_and_estimate() -> None:

@@ -32,6 +32,13 @@ def flight(seconds, pulses=(), taxi=0.0, surface="de", altitude=False, seed=0):
     return FlightData("f", DT, time, columns)
 
 
+def with_gaps(data, every_s):
+    columns = {name: values.copy() for name, values in data.columns.items()}
+    for second in np.arange(every_s, data.time_s[-1], every_s):
+        columns["q"][(data.time_s >= second) & (data.time_s < second + 0.2)] = np.nan
+    return FlightData(data.name, data.interval_s, data.time_s, columns)
+
+
 def test_a_short_excited_record_is_taken_whole():
     (segment,) = find_segments(flight(10.0, [(1.0, 1.0)]))
     assert (segment.start, segment.stop) == (0, 500)
@@ -93,13 +100,21 @@ def test_gaps_split_a_part():
         (flight(60.0), "no surface moved"),
         (FlightData("f", DT, DT * np.arange(500), {"airspeed": np.full(500, 0.5)}), "never flew"),
         (FlightData("f", DT, DT * np.arange(500), {"q": np.zeros(500)}), "no airspeed and no GPS"),
-        (flight(2.0, [(1.0, 0.5)]), "no airborne part of 4 s"),
+        (flight(0.6, [(0.3, 0.1)]), "no airborne part of 0.8 s"),
+        (with_gaps(flight(20.0, [(1.0, 0.5)]), every_s=3.0), "no airborne part of 4 s"),
     ],
 )
 def test_nothing_found_is_one_clear_line(data, message):
     with pytest.raises(SegmentError, match=message) as caught:
         find_segments(data)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("seconds", [1.0, 2.0, 3.5])
+def test_a_record_that_is_a_window_is_taken_whole(seconds):
+    data = flight(seconds, [(0.2, 0.5)])
+    (segment,) = find_segments(data)
+    assert (segment.start, segment.stop) == (0, data.time_s.size)
 
 
 def test_a_standing_aircraft_in_the_wind_does_not_fly():
