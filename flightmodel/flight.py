@@ -20,7 +20,7 @@ from sysid.tables.columns import Wanted, match_columns
 from sysid.tables.files import ENDINGS, read_table
 from sysid.tables.flight_table import flight_from_table, with_airspeed_of
 from sysid.tables.pose import signals_of_pose
-from sysid.tables.quaternions import with_angles
+from sysid.tables.pose_columns import derived_columns
 from sysid.tables.sidpac import fdata_columns
 
 Array = NDArray[np.float64]
@@ -81,8 +81,8 @@ class Flight:
         ("alpha: column 'alpha (deg)', deg",)
         """
         table, left_out = _columns_of(frame)
-        every, angles = with_angles(table, columns)
-        matched = match_columns(list(every), {**angles, **(columns or {})}, units)
+        every, named, said = derived_columns(table, columns, units)
+        matched = match_columns(list(every), named, said)
         flight = flight_from_table(name, every, matched)
         return cls(flight, tuple(use.sentence for use in matched.uses), (*matched.unused, *left_out))
 
@@ -173,7 +173,7 @@ class Flight:
         Parameters
         ----------
         path : str | Path
-            A table (.csv, .txt, .tsv, .parquet, .mat) or a log (.mcap, .tlog, ArduPilot .bin or
+            A table (.csv, .txt, .tsv, .parquet, .mat, .npz) or a log (.mcap, .tlog, ArduPilot .bin or
             Mission Planner's .mat of it, PX4 .ulg); or a
             folder with a CSV of each topic of PX4 or ROS.
         aircraft : Aircraft | None

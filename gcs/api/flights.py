@@ -144,7 +144,7 @@ async def upload(
         str, Query(description="TOML: what the columns of a table are", max_length=_LONGEST_MAPPING)
     ] = "",
 ) -> Uploaded:
-    """Upload a log (.mcap, .tlog, .bin, .ulg), a table (.csv, .parquet, .mat) or a ROS bag.
+    """Upload a log (.mcap, .tlog, .bin, .ulg), a table (.csv, .parquet, .mat, .npz) or a ROS bag.
 
     A form with the part `file`, or the file itself with `?name=`.
     """

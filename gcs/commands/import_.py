@@ -5,7 +5,7 @@ from pathlib import Path
 
 NAME = "import"
 HELP = (
-    "turn a log (.tlog, ArduPilot .bin or .log, PX4 .ulg), a table (.csv .parquet .mat) or a ROS bag into a recording"
+    "turn a log (.tlog, ArduPilot .bin, .log, PX4 .ulg), a table (.csv, .parquet, .mat, .npz) or a bag into a recording"
 )
 _QUIET_S = 2.0
 

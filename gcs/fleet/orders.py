@@ -17,7 +17,7 @@ from gcs.version import VERSION
 OF_FOLDER = "vehicle.toml"
 # Tables and texts are flights where a pattern names them: in a folder they are bench points, what a batch has written,
 # and what programs have to say.
-_TABLES = (".csv", ".tsv", ".txt", ".log", ".parquet", ".mat")
+_TABLES = (".csv", ".tsv", ".txt", ".log", ".parquet", ".mat", ".npz")
 _FLIGHTS = (".mcap", *(one for one in LOG_ENDINGS if one not in _TABLES))
 
 

@@ -143,6 +143,7 @@ IMPORTS: dict[str, Callable[[Path, Path, Progress, str, str], None]] = {
     ".log": _import_dataflash,
     ".parquet": _import_table,
     ".mat": _import_matlab,
+    ".npz": _import_table,
     ".db3": _import_ros,
     ".bag": _import_ros,
 }

@@ -1,4 +1,4 @@
-"""Tables (CSV, Parquet, .mat, X-Plane's Data.txt) as recordings: a row is one message that holds every signal in SI.
+"""Tables (CSV, Parquet, .mat, .npz, X-Plane's Data.txt) as recordings: a row is one message with every signal in SI.
 
 No standard message holds what tables hold (deflections of surfaces, true airspeed, density), and several would each
 have a stamp of their own: a row has one.

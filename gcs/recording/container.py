@@ -27,7 +27,7 @@ Bytes = NDArray[np.uint8]
 Ints = NDArray[np.int64]
 
 #: Logs that can be made recordings (`gcs.formats.conversion`).
-LOG_ENDINGS = (".tlog", ".bin", ".log", ".ulg", ".csv", ".tsv", ".txt", ".parquet", ".mat", ".db3", ".bag")
+LOG_ENDINGS = (".tlog", ".bin", ".log", ".ulg", ".csv", ".tsv", ".txt", ".parquet", ".mat", ".npz", ".db3", ".bag")
 
 # Of messages that stand in no chunk, as many bytes are read like one.
 _BARE_BYTES = 1 << 20

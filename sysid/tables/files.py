@@ -1,9 +1,10 @@
-"""Tables in files: text (CSV, X-Plane's Data.txt), Parquet, MATLAB's .mat of both kinds."""
+"""Tables in files: text (CSV, X-Plane's Data.txt), Parquet, MATLAB's .mat of both kinds, NumPy's .npz."""
 
 from __future__ import annotations
 
 import re
 import tomllib
+import zipfile
 import zlib
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,11 +19,11 @@ from sysid.arrays import Array
 from sysid.errors import TableError
 from sysid.tables.blackbox import blackbox_columns, is_blackbox, is_of_words, settings_before
 from sysid.tables.columns import Matched, Wanted, match_columns
-from sysid.tables.quaternions import with_angles
+from sysid.tables.pose_columns import derived_columns
 from sysid.tables.sidpac import fdata_columns, looks_like_fdata
 from sysid.tables.units import is_unit
 
-ENDINGS = (".csv", ".txt", ".tsv", ".parquet", ".mat")
+ENDINGS = (".csv", ".txt", ".tsv", ".parquet", ".mat", ".npz")
 _DELIMITERS = "|\t;,"
 _NO_VALUE = ("", "nan", "NaN", "NAN", "NA", "N/A", "null", "None", "-", "--", "inf", "-inf")
 # Cells that are words and yet numbers, or none.
@@ -38,6 +39,8 @@ _COMMA = re.compile(r"[-+]?\d+,\d+")
 _DEEPEST, _LARGEST_BYTES = 4, 1_000_000_000
 # Characters of a row of headers, and columns: what no logger writes.
 _LONGEST_ROW, _MOST_COLUMNS = 100_000, 5_000
+# How the columns of NumPy's matrices are called: of a position, and of a quaternion, scalar first.
+_PARTS = {3: "xyz", 4: "0123"}
 # MATLAB's files since 7.3 are HDF5's behind a header of their own.
 _HDF5_MARK = b"MATLAB 7.3"
 
@@ -70,8 +73,8 @@ class ColumnTable:
         if is_blackbox(list(self.columns)):
             return self._of_blackbox(columns or {}, units or {})
         said = units if isinstance(units, str) else {**self.units, **(units or {})}
-        every, angles = with_angles(self.columns, columns)
-        return every, match_columns(list(every), {**angles, **(columns or {})}, said)
+        every, named, left = derived_columns(self.columns, columns, said)
+        return every, match_columns(list(every), named, left)
 
     def _of_blackbox(
         self, columns: Mapping[str, Wanted], units: Mapping[str, str] | str
@@ -115,6 +118,8 @@ def read_table(path: Path, name: str = "") -> ColumnTable:
             return _parquet(path, called)
         if ending == ".mat":
             return _matlab(path, called)
+        if ending == ".npz":
+            return _numpy(path, called)
         return _text(path, called)
     except OSError as error:
         raise TableError(f"{called}: cannot be read: {error.strerror or error}") from None
@@ -363,6 +368,30 @@ def _matlab(path: Path, name: str) -> ColumnTable:
     else:
         variables = matlab_variables(path, name)
         _walk({key: value for key, value in variables.items() if not key.startswith("__")}, "", found, left_out)
+    return _of_variables(name, found, left_out)
+
+
+def _numpy(path: Path, name: str) -> ColumnTable:
+    """NumPy's archive of arrays. Objects in it are not read: they would run code."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            if any(one.file_size > _LARGEST_BYTES for one in archive.infolist()):
+                raise TableError(f"{name}: an array in it is larger than {_LARGEST_BYTES / 1e9:g} GB")
+        with np.load(path, allow_pickle=False) as arrays:
+            held = {key: arrays[key] for key in arrays.files}
+    except (zipfile.BadZipFile, zlib.error, ValueError, EOFError, NotImplementedError, MemoryError) as error:
+        raise TableError(f"{name}: is no .npz of arrays of numbers: {_line(error)}") from None
+    found: dict[str, Array] = {}
+    left_out: list[str] = []
+    _walk(held, "", found, left_out)
+    for key in [key for key, array in found.items() if array.ndim > 1 and array.shape[1] in _PARTS]:
+        array = found.pop(key)
+        found |= {f"{key}_{part}": array[:, i] for i, part in enumerate(_PARTS[array.shape[1]])}
+    return _of_variables(name, found, left_out)
+
+
+def _of_variables(name: str, found: Mapping[str, Array], left_out: list[str]) -> ColumnTable:
+    """A table of vectors and matrices by their paths. left_out: what is none of these."""
     fdata = next((array for key, array in found.items() if _last(key) == "fdata" and looks_like_fdata(array)), None)
     if fdata is not None:
         return ColumnTable(Path(name).stem, {}, {}, fdata, tuple(left_out))

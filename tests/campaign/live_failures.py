@@ -26,8 +26,7 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT / "tests" / "support"), str(ROOT / "benchmarks")]
 
 from jsbsim_failures import BREAKS, broken_flight  # noqa: E402
-from live_field import Here  # noqa: E402
-from live_flights import pieces  # noqa: E402
+from live_flights import Here, pieces  # noqa: E402
 from seed_lines import fingerprint, fly_missing  # noqa: E402
 from simulated import signals_of  # noqa: E402
 

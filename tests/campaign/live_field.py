@@ -13,8 +13,6 @@ import sys
 import tempfile
 import time
 from collections import defaultdict
-from collections.abc import Callable
-from concurrent.futures import Future
 from pathlib import Path
 from typing import Any
 
@@ -23,24 +21,13 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
 
 from field_flight import FieldFlight, field_flight
-from live_flights import pieces
+from live_flights import Here, pieces
 
 from sysid.live.identifier import LiveIdentifier
-from sysid.live.posterior_window import WindowEstimate
 
 AT_S = (10.0, 20.0, 30.0)
 EVERY_S = 0.4
 Line = dict[str, Any]
-
-
-class Here:
-    """Runs at once."""
-
-    def submit(self, function: Callable[..., WindowEstimate], /, *arguments: object) -> Future[WindowEstimate]:
-        """What it gives."""
-        promise: Future[WindowEstimate] = Future()
-        promise.set_result(function(*arguments))
-        return promise
 
 
 def flown(flight: FieldFlight, live: LiveIdentifier) -> Line:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -101,3 +103,91 @@ def test_what_no_aircraft_does_is_said(seen: dict[str, np.ndarray]) -> None:
         Flight.from_pose(seen["time"], seen["position"], seen["quaternion"], inputs={}, wind=(1.0, float("nan"), 0.0))
     with pytest.raises(FlightModelError, match="inputs: de has the shape"):
         Flight.from_pose(seen["time"], seen["position"], seen["quaternion"], inputs={"de": seen["in_de"][:9]})
+
+
+def table_of(seen: dict[str, np.ndarray], places: str, frame: str = "ned") -> dict[str, np.ndarray]:
+    """Columns as motion capture writes them."""
+    position, turned = seen["position"], Rotation.from_quat(seen["quaternion"][:, [1, 2, 3, 0]])
+    if frame == "enu":
+        earth, body = np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]]), np.diag([1, -1, -1])
+        position = position @ earth
+        turned = Rotation.from_matrix(earth.T @ turned.as_matrix() @ body)
+    columns = {"time (s)": seen["time"], **dict(zip(places.split(), position.T, strict=True))}
+    columns |= dict(zip(("qx", "qy", "qz", "qw"), turned.as_quat().T, strict=True))
+    inputs = {"elevator (rad)": "de", "aileron (rad)": "da", "rudder (rad)": "dr", "throttle": "throttle"}
+    return {**columns, **{header: seen[f"in_{name}"] for header, name in inputs.items()}}
+
+
+@pytest.mark.parametrize(
+    ("places", "frame"),
+    [
+        ("x y z", "ned"),
+        ("pos_x pos_y pos_z", "enu"),
+        ("pn pe pd", "ned"),
+        ("rigid_body_tx rigid_body_ty rigid_body_tz", "enu"),
+    ],
+)
+def test_a_table_of_poses_is_the_same_flight(
+    places: str, frame: str, seen: dict[str, np.ndarray], tmp_path: Path
+) -> None:
+    table = table_of(seen, places, frame)
+    path = tmp_path / "hall.csv"
+    np.savetxt(path, np.column_stack(list(table.values())), delimiter=",", header=",".join(table), comments="")
+    units = {"throttle": "1"}
+    read, own = Flight.read(path, units=units), flight_of(seen)
+    for name in ("p", "q", "ax", "az", "alpha", "true_airspeed"):
+        assert read[name][1] == pytest.approx(own[name][1], abs=1e-5), name
+    for name in ("de", "da", "throttle"):
+        assert read[name][1] == pytest.approx(own[name][1], abs=1e-9), name
+    assert any(
+        line.startswith("alpha: column 'alpha of position and quaternion, in still air") for line in read.columns
+    )
+
+
+def test_arrays_of_numpy_are_a_table(seen: dict[str, np.ndarray], tmp_path: Path) -> None:
+    path = tmp_path / "hall.npz"
+    arrays = {"time": seen["time"], "position": seen["position"], "quaternion": seen["quaternion"]}
+    np.savez_compressed(path, **arrays, de=seen["in_de"], note=np.array(["flown in a hall"] * 2))
+    read = Flight.read(path, units="SI")
+    assert read["q"][1] == pytest.approx(flight_of(seen)["q"][1], abs=1e-9)
+    np.savez(path, time=np.array([{}, {}]), de=seen["in_de"])
+    with pytest.raises(TableError, match=r"no \.npz of arrays of numbers"):
+        Flight.read(path)
+    path.write_bytes(path.read_bytes()[:200])
+    with pytest.raises(TableError, match=r"no \.npz of arrays of numbers"):
+        Flight.read(path)
+
+
+def test_units_of_a_table_of_poses(seen: dict[str, np.ndarray], tmp_path: Path) -> None:
+    table = table_of(seen, "x y z")
+    milli = {"time (ms)": 1e3 * table.pop("time (s)")}
+    milli |= {f"{axis} (mm)": 1e3 * table.pop(axis) for axis in "xyz"}
+    path = tmp_path / "hall.csv"
+    table = {**milli, **table}
+    np.savetxt(path, np.column_stack(list(table.values())), delimiter=",", header=",".join(table), comments="")
+    read = Flight.read(path, units={"throttle": "1"})
+    assert read["true_airspeed"][1] == pytest.approx(flight_of(seen)["true_airspeed"][1], abs=1e-4)
+
+
+def test_a_table_of_poses_that_no_aircraft_flies_is_said(seen: dict[str, np.ndarray], tmp_path: Path) -> None:
+    table = table_of(seen, "x y z")
+    table["qx"], table["qw"] = table["qw"], table["qx"]
+    path = tmp_path / "hall.csv"
+    np.savetxt(path, np.column_stack(list(table.values())), delimiter=",", header=",".join(table), comments="")
+    with pytest.raises(TableError, match="neither as north, east, down nor as east, north, up"):
+        Flight.read(path, units={"throttle": "1"})
+
+
+def test_axes_that_no_bank_shows_are_asked_for(seen: dict[str, np.ndarray], tmp_path: Path) -> None:
+    _, theta, _ = Rotation.from_quat(seen["quaternion"][:, [1, 2, 3, 0]]).as_euler("ZYX").T
+    level = Rotation.from_euler("Y", theta[:, None]).as_quat()[:, [3, 0, 1, 2]]
+    north = np.linalg.norm(np.diff(seen["position"][:, :2], axis=0), axis=1)
+    position = np.column_stack([np.append(0.0, np.cumsum(north)), 0.0 * theta, seen["position"][:, 2]])
+    path = tmp_path / "hall.npz"
+    np.savez(path, time=seen["time"], position=position, quaternion=level, de=seen["in_de"])
+    with pytest.raises(TableError, match="call their columns so"):
+        Flight.read(path, units="SI")
+    north, east, down = position.T
+    table = {"time": seen["time"], "north": north, "east": east, "down": down, "quaternion": level}
+    np.savez(path, **table, de=seen["in_de"])
+    assert np.mean(Flight.read(path, units="SI")["az"][1]) < -9.0

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from field_flight import FieldFlight, field_flight
-from live_flights import half_elevator, pieces
+from live_flights import Here, half_elevator, pieces
 from simulated import fly_mav
 
 from sim_vehicle.vehicle.vehicle_file import Vehicle, load_vehicle
@@ -27,18 +27,6 @@ from sysid.signals.flight import FlightSignals
 pytestmark = pytest.mark.whole_flight
 
 SHIFTS_S = (0.0, 0.003, 0.007, 0.012, 0.020)
-
-
-class Here:
-    """Runs at once, at a cost that does not depend on the machine: it decides when the next window is due."""
-
-    def submit(self, function: Callable[..., WindowEstimate], /, *arguments: object) -> Future[WindowEstimate]:
-        promise: Future[WindowEstimate] = Future()
-        try:
-            promise.set_result(replace(function(*arguments), cost_s=0.4))
-        except EOFError as error:
-            promise.set_exception(error)
-        return promise
 
 
 class Later(Here):

@@ -180,7 +180,7 @@ const MAPPING = '[columns]\nalpha = "AoA probe"\naz = { "Nz" = -1.0 }\n\n[units]
 /** @param {() => Promise<FlightPage>} done @param {AbortSignal} signal */
 function uploadForm(done, signal) {
   const input = h('input',
-    { type: 'file', accept: '.mcap,.tlog,.bin,.log,.ulg,.csv,.tsv,.txt,.parquet,.mat,.db3,.bag', required: true })
+    { type: 'file', accept: '.mcap,.tlog,.bin,.log,.ulg,.csv,.tsv,.txt,.parquet,.mat,.npz,.db3,.bag', required: true })
   const bar = h('progress', { max: 1, value: 0, 'aria-label': 'Upload' })
   const words = h('p', { role: 'status' })
   const button = h('button', { class: 'main' }, 'Upload')
@@ -221,6 +221,6 @@ function uploadForm(done, signal) {
   }
   return h('form', { class: 'panel', submit: send },
     field('Upload a log', input,
-      'A recording (.mcap), a .tlog, an ArduPilot .bin, a PX4 .ulg, a table (.csv, .parquet, .mat) or a ROS bag'),
+      'A recording (.mcap), a .tlog, an ArduPilot .bin, a PX4 .ulg, a table (.csv, .parquet, .mat, .npz) or a ROS bag'),
       mapping, button, words)
 }
