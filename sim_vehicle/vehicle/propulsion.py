@@ -39,9 +39,9 @@ Curve = Points | Polynomial
 class Propulsion:
     """Motor and propeller.
 
-    line: a point of the thrust line from the centre of gravity, m; line_known: whether it was given. inclination: rad,
-    positive where thrust points upward: it acts along (cos i, 0, -sin i). diameter: m. rotation: "cw" or "ccw" seen
-    from behind.
+    line: a point of the thrust line from the centre of gravity, m; line_known: whether it was given; line_std:
+    standard deviation of its height, m, None for what is usual. inclination: rad, positive where thrust points
+    upward: it acts along (cos i, 0, -sin i). diameter: m. rotation: "cw" or "ccw" seen from behind.
     max_thrust: N at full throttle. CT, CQ: (advance ratio, coefficient) points, or a polynomial, or empty.
     tau: first-order lag from throttle to thrust, or to propeller speed where CT is known, s.
     moving_mass: kg hanging on the thrust sensor; moving_mass_known: whether it was given. max_rpm: 1/min at full
@@ -59,6 +59,7 @@ class Propulsion:
     moving_mass: float = 0.0
     max_rpm: float | None = None
     line_known: bool = True
+    line_std: float | None = None
     moving_mass_known: bool = True
 
     @property
@@ -171,6 +172,7 @@ def read_propulsion(table: Table) -> Propulsion:
     propulsion = Propulsion(
         line=table.vector("line"),
         line_known=table.optional("line"),
+        line_std=table.optional_number("line_std", low=0.0),
         inclination=table.number("inclination", 0.0),
         diameter=table.optional_number("diameter", above=0.0),
         rotation=table.text("rotation", sense, turns),

@@ -26,7 +26,7 @@ from sysid.posterior.analysis import estimate
 from sysid.posterior.estimates import UNINFORMED_RATIO, PosteriorEstimate
 from sysid.posterior.flight_part import FlightPart, make_part
 from sysid.posterior.nuisance_priors import MOVING_MASS, PRODUCT_INERTIA, THRUST_ARM
-from sysid.posterior.stated_priors import unused_timing
+from sysid.posterior.stated_priors import is_line_given, unused_timing
 from sysid.problem.coefficient_residuals import moment_noise
 from sysid.problem.estimation_problem import coefficient_entries, flying
 from sysid.problem.formulation import corrected_parts, known_before
@@ -44,6 +44,8 @@ _HEIGHT = THRUST_LINE_OFFSET.parameters[0].name
 _AS_KNOWN = 0.975
 # Terms whose usual size holds for any aircraft; rates and surfaces go with its tailplane's lever and its chords.
 _STATIC = frozenset(("alpha", "beta"))
+# Standard errors from which on the thrust's moment is another one than the vehicle file's.
+_SEEN = 3.0
 # A part of the flight is at most so long, s.
 _LONGEST_S = 120.0
 # Quiet flight of up to so long between two excited stretches stays in their part, s: it determines the noise.
@@ -111,20 +113,39 @@ def _identified(
     # What the flights do not move stays as it was known.
     joint = found.joint if before is None else before.updated(found.joint)
     model = with_extra(_model(structure, vehicle.name, joint, refused, parts), "systematic", found.systematic())
-    model = with_thrust_line(model, found)
-    words = [*_product_words(vehicle, found), *_moving_words(found), *_prior_words(joint, given)]
+    model = with_thrust_line(model, found, vehicle)
+    words = [
+        *_product_words(vehicle, found), *_moving_words(found), *_wash_words(vehicle, found),
+        *_prior_words(joint, given),
+    ]  # fmt: skip
     every_warning = tuple(dict.fromkeys((*warnings, *found.warnings, *words)))
     return PosteriorIdentification(
         tuple(one.signals for one in read), tuple(prepared), compatible, model, tuple(refused), found, every_warning
     )
 
 
-def with_thrust_line(model: Model, found: PosteriorEstimate) -> Model:
-    """The model with the height of the thrust line, where nobody gave it: without it the coefficients fly otherwise."""
+def with_thrust_line(model: Model, found: PosteriorEstimate, vehicle: Vehicle) -> Model:
+    """The model with the height of the thrust line, where nobody gave it or thrust turns otherwise than as was given:
+    without it the coefficients fly otherwise.
+    """
     arm = next((one for one in found.nuisances if one.name == THRUST_ARM), None)
     if arm is None or model.effect(THRUST_LINE_OFFSET.name) is not None:
         return model
+    if is_line_given(vehicle) and abs(arm.value) < _SEEN * arm.std:
+        return model
     return model.with_effect(THRUST_LINE_OFFSET, {_HEIGHT: arm.value}, {_HEIGHT: arm.std})
+
+
+def _wash_words(vehicle: Vehicle, found: PosteriorEstimate) -> list[str]:
+    """What the thrust turns otherwise than by the line that the vehicle file gives."""
+    arm = next((one for one in found.nuisances if one.name == THRUST_ARM), None)
+    if arm is None or not is_line_given(vehicle) or abs(arm.value) < _SEEN * arm.std:
+        return []
+    return [
+        f"the thrust turns the nose as if its line passed {1e3 * abs(arm.value):.0f} ± {1e3 * arm.std:.0f} mm"
+        f" {'lower' if arm.value > 0.0 else 'higher'} than the vehicle file has it: the propeller's wash over the tail,"
+        " or a line that is given wrongly; the model has it as thrust_line_offset"
+    ]
 
 
 def _product_words(vehicle: Vehicle, found: PosteriorEstimate) -> list[str]:

@@ -408,7 +408,7 @@ def _start_search(
     flow, flow_imposed = FLOW_OF[group], vane_noise is not None
     position = all(part.position for part in parts)
     lag, flights = _airspeed_lag(parts), tuple(dict.fromkeys(part.flight for part in parts))
-    more = (lag, *of_aircraft(vehicle, {part.thrust_from for part in parts}, structure))
+    more = (lag, *of_aircraft(vehicle, {part.thrust_from for part in parts}, structure, "az" in outputs))
     unknowns = unknowns_of(group, flow in outputs, position, stated, more, flights)
     if vane_noise is not None:
         outputs = [name for name in outputs if name != flow]

@@ -21,6 +21,7 @@ GROUPS = ("longitudinal", "lateral")
 SURFACES_OF = {"longitudinal": ("de",), "lateral": ("da", "dr")}
 # Of the aircraft itself, where its vehicle file does not give them.
 PRODUCT_INERTIA, THRUST_ARM, MOVING_MASS = "product_inertia", "thrust_arm", "moving_mass"
+AIRSPEED_SCALE = "airspeed_error"
 FLOW_OF = {"longitudinal": "alpha", "lateral": "beta"}
 
 
@@ -69,7 +70,7 @@ PRIORS: tuple[Nuisance, ...] = (
              "half the play of clevis, horn and gear train of small linkages"),
     Nuisance("command_rounding", 0.5, 0.5, 0.0, 0.0, 1.0, 0.1, "1", "both",
              "a log in whole steps says what its servo was sent, or rounds what it was sent"),
-    Nuisance("airspeed_error", 0.0, 0.015, 0.0, -0.2, 0.2, 1e-3, "1", "both",
+    Nuisance(AIRSPEED_SCALE, 0.0, 0.015, 0.0, -0.2, 0.2, 1e-3, "1", "both",
              "bench calibration of a differential pressure sensor, 3 % of dynamic pressure"),
     Nuisance("airspeed_alpha", 0.0, 0.08, 0.0, -1.0, 1.0, 5e-3, "1/rad", "longitudinal",
              "position error of a pitot in the upwash of a wing"),

@@ -67,15 +67,19 @@ def declared(vehicle: Vehicle, group: str, messages: Mapping[str, str]) -> dict[
 # Standard deviation of the thrust line's height over the centre of gravity, mean chords, where it is not given: 0.18 of
 # an Ultra Stick 25e, none of aircraft whose motor sits on the wing's chord line.
 _THRUST_ARM_CHORDS = 0.15
+# And where the line is given: the wash of the propeller over a tail that is set turns with the thrust too, Cm_de times
+# that angle times one to three by chord.
+_WASH_CHORDS = 0.07
 # Standard deviation of what hangs on a thrust sensor, of the aircraft's mass, where it is not given: motors with their
 # propellers are 4 to 10 % of small electric aircraft.
 _MOVING_SHARE = 0.07
 
 
-def of_aircraft(vehicle: Vehicle, thrust: Collection[str], structure: Model) -> tuple[Nuisance, ...]:
+def of_aircraft(vehicle: Vehicle, thrust: Collection[str], structure: Model, felt: bool = True) -> tuple[Nuisance, ...]:
     """Unknowns of the aircraft itself that its vehicle file does not give: they change the motion's own equations.
 
-    thrust: the signals that give it, "" for none. structure: the model, which may have the line itself.
+    thrust: the signals that give it, "" for none. structure: the model, which may have the line itself. felt: whether
+    accelerometers feel the lift; without them the wash is not distinguished from the angle of attack.
     """
     mass, chord = vehicle.mass, vehicle.geometry.c
     found = []
@@ -85,10 +89,11 @@ def of_aircraft(vehicle: Vehicle, thrust: Collection[str], structure: Model) -> 
             PRODUCT_INERTIA, 0.0, mass.Ixz_std, 0.0, -most - mass.Ixz, most - mass.Ixz, 0.02 * mass.Ixz_std, "kg m^2",
             "lateral", "the vehicle file, or what is usual for mass and span",
         ))  # fmt: skip
-    std = _THRUST_ARM_CHORDS * chord
-    if vehicle.propulsion is not None and vehicle.propulsion.line_known:
+    std, line = _THRUST_ARM_CHORDS * chord, vehicle.propulsion
+    if line is not None and is_line_given(vehicle):
+        known_to = float(felt) * _WASH_CHORDS * chord if line.line_std is None else line.line_std
         # A moment of inertia that is taken too small makes the thrust's moment look too small as well.
-        std = abs(vehicle.propulsion.line[2]) * (mass.Iyy_std or 0.0) / mass.Iyy
+        std = math.hypot(known_to, abs(line.line[2]) * (mass.Iyy_std or 0.0) / mass.Iyy)
     if any(thrust) and std > 0.0 and structure.effect(THRUST_LINE_OFFSET.name) is None:
         found.append(Nuisance(
             THRUST_ARM, 0.0, std, 0.0, -2.0 * chord, 2.0 * chord, 0.02 * std, "m", "longitudinal",
@@ -101,6 +106,12 @@ def of_aircraft(vehicle: Vehicle, thrust: Collection[str], structure: Model) -> 
             "motors and propellers of small electric aircraft",
         ))  # fmt: skip
     return tuple(found)
+
+
+def is_line_given(vehicle: Vehicle) -> bool:
+    """Whether the vehicle file says where the thrust acts, or how well it knows."""
+    line = vehicle.propulsion
+    return line is not None and (line.line_known or line.line_std is not None)
 
 
 def moving_mass_known(vehicle: Vehicle) -> bool:

@@ -17,9 +17,11 @@ from sysid.compatibility.reconstruction import CompatibilityResult
 from sysid.discrepancy.comparison import Asked, Compared
 from sysid.discrepancy.spectrum.group_fits import fit_of
 from sysid.discrepancy.spectrum.ideal_sensors import (
+    beyond_usual,
     has_actuator_lag_and_coloured_noise,
     with_airspeed_at_once,
     with_ideal_sensors,
+    without_nuisances,
 )
 from sysid.discrepancy.spectrum.spectrum_fit import SpectrumFit
 from sysid.errors import EstimationError
@@ -168,7 +170,9 @@ class SpectrumComparison:
                 # Drag was estimated beside the thrust as it is, not as it was measured.
                 model = model.with_effect(THRUST_SCALE, {"scale": -less})
             return Fixed(
-                flatten(as_estimated(vehicle, found.of_aircraft()), with_thrust_line(model, found)), errors, first
+                flatten(as_estimated(vehicle, found.of_aircraft()), with_thrust_line(model, found, vehicle)),
+                errors,
+                first,
             )
 
         before = fixed(self.estimated, self._updated(self.base))
@@ -193,6 +197,10 @@ def begin(asked: Asked, read: FlightsRead) -> SpectrumComparison | None:
         return None
     if not has_actuator_lag_and_coloured_noise(estimated):
         return None
+    if odd := beyond_usual(estimated):
+        asked = replace(asked, vehicle=without_nuisances(asked.vehicle, odd))
+        seen = flown(read.fitted, asked.vehicle)
+        estimated = _fitted(seen.parts, asked, model)
     return _begun(asked, read, seen, model, estimated, False)
 
 
@@ -252,7 +260,7 @@ def _with_the_model_s_thrust_line(vehicle: Vehicle) -> Vehicle:
     """The vehicle with a thrust line that is as given, or through the centre of gravity: another one is an effect."""
     if vehicle.propulsion is None:
         return vehicle
-    return replace(vehicle, propulsion=replace(vehicle.propulsion, line_known=True))
+    return replace(vehicle, propulsion=replace(vehicle.propulsion, line_known=True, line_std=0.0))
 
 
 def _with_trims(model: Model) -> Model:

@@ -5,6 +5,7 @@ What a textbook's aircraft does not have is no unknown of it, so that a lag, a p
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import replace
 from typing import Any, TypeVar
 
@@ -15,6 +16,7 @@ from sim_vehicle.vehicle.sensors import Sensor
 from sim_vehicle.vehicle.strict_toml import NOT_SAID, Known
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.posterior.estimates import NuisanceEstimate, PosteriorEstimate
+from sysid.posterior.nuisance_priors import AIRSPEED_SCALE
 from sysid.posterior.reported_spectrum import NoiseSpectrum
 
 # A servo's lag and delay, s, and half its play, rad, from which on they are none of a textbook: a delay of more than
@@ -25,6 +27,13 @@ _SEEN = 3.0  # standard errors
 # (95 and 5 % of the frequencies) that white noise stays below: up to 0.6 in textbook gusts, 0.7 and more of an
 # autopilot's sensors.
 _FORCES, _WHITE = ("ax", "ay"), 0.65
+# Nuisance -> the part that does it and what its vehicle file calls it.
+_OF_PARTS = {
+    "servo_lag": ("controls", "lag"), "servo_delay": ("controls", "delay"), "servo_backlash": ("controls", "backlash"),
+    "vane_clock": ("vanes", "delay"), AIRSPEED_SCALE: ("airspeed", "scale"),
+}  # fmt: skip
+# Standard deviations of what is usual, from which on something is not.
+_UNUSUAL = 3.0
 _NONE = Known(0.0, 0.0)
 Part = TypeVar("Part", Control, Sensor)
 
@@ -37,6 +46,34 @@ def has_actuator_lag_and_coloured_noise(found: PosteriorEstimate) -> bool:
     """
     white = any(one.output in _FORCES and _spread(one) < _WHITE for one in found.noise)
     return not white and any(_has_actuator_nuisance(one) for one in found.nuisances)
+
+
+def beyond_usual(found: PosteriorEstimate) -> frozenset[str]:
+    """Names of what servos, vanes and the pitot were found to do that their kind does not: such a thing is an effect,
+    and not what every aircraft has.
+    """
+    names = set()
+    for group in found.groups.values():
+        model, result = group.posterior.model, group.result
+        for i, one in enumerate(model.unknowns, len(model.parameters)):
+            std = float(np.sqrt(result.covariance[i, i]))
+            if one.name in _OF_PARTS and abs(result.theta[i] - one.mean) > _UNUSUAL * one.std and std < 0.5 * one.std:
+                names.add(one.name)
+    return frozenset(names)
+
+
+def without_nuisances(vehicle: Vehicle, names: Collection[str]) -> Vehicle:
+    """The vehicle whose servos, vanes and pitot do none of these, where its file says nothing else."""
+    of_controls = [_OF_PARTS[name][1] for name in names if _OF_PARTS[name][0] == "controls"]
+    of_vanes = [_OF_PARTS[name][1] for name in names if _OF_PARTS[name][0] == "vanes"]
+    sensors = vehicle.sensors
+    if AIRSPEED_SCALE in names:
+        sensors = replace(sensors, airspeed=replace(sensors.airspeed, scale_std=sensors.airspeed.scale_std or 0.0))
+    sensors = replace(
+        sensors, alpha_vane=_exact(sensors.alpha_vane, *of_vanes), beta_vane=_exact(sensors.beta_vane, *of_vanes)
+    )
+    controls = {name: _exact(one, *of_controls) for name, one in vehicle.controls.items()}
+    return replace(vehicle, controls=controls, sensors=sensors)
 
 
 def with_ideal_sensors(vehicle: Vehicle) -> Vehicle:
