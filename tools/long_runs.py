@@ -115,6 +115,13 @@ CAMPAIGNS = {
         {"FAMILIES": "", "SEEDS": "", "FIRST": ""},
         hint="less of it: FAMILIES=aerosonde SEEDS=2; FIRST=100: other flights",
     ),
+    "benchmark": LongRun(
+        "tests/campaign/benchmark.py",
+        "short flights of aircraft that the structure only nearly is: whether the bars hold, alone and together",
+        "80 windows of 20 flights of JSBSim's, 5 min; what is there is kept",
+        {"FAMILIES": "", "SEEDS": "", "FIRST": ""},
+        hint="less of it: FAMILIES=slipstream SEEDS=2; FIRST=100: other flights",
+    ),
     "coast": LongRun(
         "tests/campaign/coasting.py",
         "how far `gcs coast` strays in a minute without GPS, and whether its ellipses hold that",

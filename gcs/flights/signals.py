@@ -227,7 +227,7 @@ class _Flight:
         """Airspeed from differential pressure where that is calibrated or stands alone; which airspeed it is."""
         kind = self.vehicle.sensors.airspeed.kind
         calibrated = self.vehicle.calibration
-        if "true_airspeed" in self.signals and "airspeed" not in calibrated:
+        if "true_airspeed" in self.signals and not ("airspeed" in calibrated and "airspeed" in self.signals):
             gathered = FlightSignals("", self.signals)
             self.signals = with_airspeed_of(gathered, self.vehicle).signals
             return

@@ -14,7 +14,7 @@ from gcs.formats.conversion import import_file
 from gcs.importers.table import import_table
 from gcs.inspection.info import describe_recording
 from gcs.recording.reader import Recording
-from sim_vehicle.vehicle.vehicle_file import Vehicle
+from sim_vehicle.vehicle.vehicle_file import Vehicle, load_vehicle
 
 T = 0.01 * np.arange(400)
 ALPHA, Q = 3.0 + np.sin(T) / 3.0, 10.0 * np.cos(T) / 7.0
@@ -107,3 +107,15 @@ def test_a_sensor_that_is_slower_than_the_table_is_said_where_the_flight_is_read
     found = extract(Recording(target), Vehicle.unknown())
     assert found.signals["vn"].time_s.size == 20
     assert any("mostly repeats its last value" in warning for warning in found.warnings)
+
+
+def test_a_true_airspeed_stands_where_nothing_of_the_calibrated_one_is_recorded(tmp_path: Path) -> None:
+    """The bundled aircraft calibrates a pressure sensor that a table does not hold."""
+    vehicle = load_vehicle("iitb-mav")
+    assert "airspeed" in vehicle.calibration
+    source, time = tmp_path / "hall.csv", np.arange(100) * 0.02
+    rows = np.column_stack([time, 12.0 + np.sin(time), np.cos(time)])
+    np.savetxt(source, rows, delimiter=",", header="time (s),tas (m/s),q (rad/s)", comments="")
+    import_table(source, tmp_path / "hall.mcap")
+    flight = extract(Recording(tmp_path / "hall.mcap"), vehicle)
+    assert flight.signals["airspeed"].values == pytest.approx(rows[:, 1], rel=1e-6)
