@@ -151,11 +151,11 @@ def identify(
 
 def _each_by_itself(asked: Request, found: Identification, read: FlightsRead) -> dict[str, FlightScatter]:
     """What each flight says with the same classical method; of those that it can be used for alone."""
-    quiet = replace(asked, systematic=False, progress=lambda share, text: None)
+    quiet = replace(asked, prior=None, systematic=False, progress=lambda share, text: None)
     method = "ee" if found.likeliest is None else found.likeliest.method
     each = {}
     for one in read.fitted:
-        with suppress(SysidError):
+        with suppress(SysidError, ArithmeticError, ValueError):
             alone = _identify_by_classical_method(quiet, method, replace(read, fitted=[one], judges=(), left_out=()))
             entries = alone.model.coefficients.items()
             each[one.signals.name] = {name: (e.value, e.std) for name, e in entries if e.value is not None and e.std}

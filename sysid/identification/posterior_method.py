@@ -44,8 +44,9 @@ _HEIGHT = THRUST_LINE_OFFSET.parameters[0].name
 _AS_KNOWN = 0.975
 # Terms whose usual size holds for any aircraft; rates and surfaces go with its tailplane's lever and its chords.
 _STATIC = frozenset(("alpha", "beta"))
-# Standard errors from which on the thrust's moment is another one than the vehicle file's.
-_SEEN = 3.0
+# Standard errors from which on the thrust's moment is another one than the vehicle file's, and what of it is no moment,
+# mean chords.
+_SEEN, _NO_ARM = 3.0, 0.01
 # A part of the flight is at most so long, s.
 _LONGEST_S = 120.0
 # Quiet flight of up to so long between two excited stretches stays in their part, s: it determines the noise.
@@ -131,7 +132,7 @@ def with_thrust_line(model: Model, found: PosteriorEstimate, vehicle: Vehicle) -
     arm = next((one for one in found.nuisances if one.name == THRUST_ARM), None)
     if arm is None or model.effect(THRUST_LINE_OFFSET.name) is not None:
         return model
-    if is_line_given(vehicle) and abs(arm.value) < _SEEN * arm.std:
+    if is_line_given(vehicle) and abs(arm.value) < _NO_ARM * vehicle.geometry.c:
         return model
     return model.with_effect(THRUST_LINE_OFFSET, {_HEIGHT: arm.value}, {_HEIGHT: arm.std})
 

@@ -153,7 +153,7 @@ def read_flights(
     Raises SysidError where one lacks what is needed, all are too short, or one to judge by is no flight.
     """
     fitted, errors = [], []
-    for flight in flights:
+    for flight in _named_apart(flights):
         try:
             fitted.append(meant(flight, vehicle, as_recorded, start_s, stop_s))
         except SegmentError as error:
@@ -165,6 +165,17 @@ def read_flights(
         if one.doubt is not None:
             raise one.doubt
     return FlightsRead(fitted, judges, tuple(map(_left_out, errors)))
+
+
+def _named_apart(flights: Sequence[FlightSignals]) -> list[FlightSignals]:
+    """The flights, each with a name of its own: by that they are held apart."""
+    found: list[FlightSignals] = []
+    for flight in flights:
+        taken, name, number = {one.name for one in found}, flight.name, 2
+        while name in taken:
+            name, number = f"{flight.name} ({number})", number + 1
+        found.append(flight if name == flight.name else replace(flight, name=name))
+    return found
 
 
 def _left_out(error: SegmentError) -> str:

@@ -11,12 +11,14 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sysid.arrays import Array
+from sysid.errors import SysidError
 from sysid.numerics.normal_equations import inverse
 
 if TYPE_CHECKING:
@@ -51,33 +53,43 @@ class FlightScatter:
 def scattered(each: Mapping[str, Mapping[str, tuple[float, float]]]) -> dict[str, FlightScatter]:
     """Coefficient -> its scatter, of those that FEWEST flights or more know. each: flight -> what it says alone."""
     names = dict.fromkeys(name for values in each.values() for name in values)
-    found = {name: {flight: values[name] for flight, values in each.items() if name in values} for name in names}
+    found = {
+        name: {flight: values[name] for flight, values in each.items() if _is_known(*values.get(name, (0.0, 0.0)))}
+        for name in names
+    }
     return {name: FlightScatter(values) for name, values in found.items() if len(values) >= FEWEST}
+
+
+def _is_known(value: float, std: float) -> bool:
+    return bool(np.isfinite(value) and 0.0 < std < np.inf)
 
 
 def by_posterior(found: PosteriorEstimate) -> dict[str, FlightScatter]:
     """Coefficient -> what several flights say of it, each by itself; none of fewer flights than FEWEST."""
     each: dict[str, dict[str, tuple[float, float]]] = defaultdict(dict)
     for group in found.groups.values():
-        flights = list(dict.fromkeys(part.flight for part in group.posterior.parts))
-        if len(flights) < FEWEST:
+        if len({part.flight for part in group.posterior.parts}) < FEWEST:
             continue
-        most = _SAYS_NOTHING * group.result.prior_std
-        for flight in flights:
-            value, std = _alone(group, flight)
-            for i, name in enumerate(group.result.names[: len(group.posterior.model.parameters)]):
-                if std[i] < most[i]:
-                    each[flight][name] = float(value[i]), float(std[i])
+        result = group.result
+        with suppress(SysidError, np.linalg.LinAlgError):
+            equations = group.posterior.equations_by_flight(np.concatenate((result.theta, result.states)))
+            for flight, (H, g) in equations.items():
+                value, std, known_to = _alone(group, H, g)
+                for i, name in enumerate(result.names[: len(group.posterior.model.parameters)]):
+                    if known_to[i] < _SAYS_NOTHING * result.prior_std[i]:
+                        each[flight][name] = float(value[i]), float(std[i])
     return scattered(each)
 
 
-def _alone(group: GroupEstimate, flight: str) -> tuple[Array, Array]:
-    """(P,) by one flight, and what its noise leaves open, which is more than its information says by as much as in the
-    estimate of all. What the structure lacks and what was taken as known moves all flights alike.
+def _alone(group: GroupEstimate, H: Array, g: Array) -> tuple[Array, Array, Array]:
+    """(P,) by one flight, by how much that scatters with its noise, and how well it is known.
+
+    Noise makes slopes of covariance H less the prior's information; it is more by as much as in the estimate of all.
+    What the prior, the structure and what was taken as known are off by moves all flights alike.
     """
-    result = group.result
-    theta = np.concatenate((result.theta, result.states))
-    H, g = group.posterior.equations_of(theta, flight)
-    inverted, count = inverse(H), result.theta.size
-    wider = result.noise_std**2 / np.diag(result.fisher)
-    return result.theta + (inverted @ g)[:count], np.sqrt(np.diag(inverted)[:count] * wider)
+    result, count = group.result, group.result.theta.size
+    inverted = inverse(H)
+    sampled = inverted @ (H - group.posterior.prior.information) @ inverted
+    wider = result.noise_std / np.sqrt(np.diag(result.fisher))
+    std = np.sqrt(np.maximum(np.diag(sampled)[:count], 0.0)) * wider
+    return result.theta + (inverted @ g)[:count], std, np.sqrt(np.diag(inverted)[:count])

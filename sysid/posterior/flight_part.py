@@ -27,8 +27,8 @@ from sysid.signals.thrust_source import MOTORS, behind_motor, dead_thrust, thrus
 
 # Step of the simulation, s; residuals are compared at no finer steps than the second.
 STEP_S, COMMON_STEP_S = 0.01, 0.02
-# No part is shorter, s.
-SHORTEST_S = 0.7
+# No part is shorter, s, or has fewer points at which it is compared.
+SHORTEST_S, _FEWEST_POINTS = 0.7, 16
 # The start of a part is left out of the spectrum over so long, s.
 _RISE_S = 0.5
 # Half widths of the windows that smooth what is imposed, s, and in samples where these are further apart.
@@ -248,6 +248,8 @@ def make_part(
     for name in ("alpha", "beta"):
         lost += bursts(channels[name].time_s) if name in channels else []
     common = common_grid(begin, end, max(COMMON_STEP_S, imu), sorted(lost), _RISE_S)
+    if common.points.size < _FEWEST_POINTS:
+        raise SignalError(f"{signals.name}: {common.points.size} samples from {begin:.1f} to {end:.1f} s are too few")
     rate_hz = {name: min(*rates, _rate(one.time_s)) for name, one in channels.items()}
     thrust, thrust_from = _thrust(signals, vehicle, grid, motion["ax"], speed.values, rho, (begin, end))
     if vehicle.motors and vehicle.motors.keys() <= inputs.keys():

@@ -165,11 +165,15 @@ class WhittleLikelihood:
             g += J.T @ e
         return H, g
 
-    def equations_of(self, theta: Array, flight: str) -> tuple[Array, Array]:
-        """Information (P, P) and gradient downhill (P,) of one flight, prior included, at a point (P,) of all."""
+    def equations_by_flight(self, theta: Array) -> dict[str, tuple[Array, Array]]:
+        """Information (P, P) and gradient downhill (P,) of each flight, prior included, at a point (P,) of all."""
         at = self.point(theta)
         self.weigh(at)
-        return self._equations(at, [i for i, part in enumerate(self.parts) if part.flight == flight])
+        flights = dict.fromkeys(part.flight for part in self.parts)
+        return {
+            flight: self._equations(at, [i for i, part in enumerate(self.parts) if part.flight == flight])
+            for flight in flights
+        }
 
     def profile_cost(self, theta: Array) -> float:
         """Half the deviance at a point (P,), its noise estimated there; infinite where the motion diverges."""

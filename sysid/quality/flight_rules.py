@@ -96,9 +96,16 @@ def flights_quality(
 def quality_of(flights: Sequence[SeenFlight]) -> Quality:
     """The verdict by the rules of this module: what excites an axis is asked of all flights together."""
     lost = tuple(_not_flown(flights))
+    found = [reason for one in flights for reason in _reasons(one)]
     gone = {axis for one in lost for axis in one.axes}
-    found = once((*(reason for rule in RULES for one in flights for reason in rule(one)), *_excitation(flights)))
-    return Quality(tuple(one for one in found if not one.axes or set(one.axes) - gone), AXES, lost)
+    found += [one for one in _excitation(flights) if set(one.axes) - gone]
+    return Quality(once(found), AXES, lost)
+
+
+def _reasons(seen: SeenFlight) -> list[Reason]:
+    """What is said of one flight; nothing of axes that it did not fly."""
+    gone = {axis for one in _not_flown([seen]) for axis in one.axes}
+    return [one for rule in RULES for one in rule(seen) if not one.axes or set(one.axes) - gone]
 
 
 def _intervals(seen: SeenFlight, name: str) -> Array:
@@ -198,7 +205,7 @@ def _excitation(flights: Sequence[SeenFlight]) -> Iterator[Reason]:
     moved = [name for name in ("da", "dr") if any(one.moved(name) for one in flights)]
     if len(moved) == 2:
         both = np.concatenate([_aileron_and_rudder(one) for one in flights], axis=1)
-        if abs(float(np.corrcoef(both)[0, 1])) > LIMITS.alike:
+        if both.shape[1] and both.std(axis=1).min() > 0.0 and abs(float(np.corrcoef(both)[0, 1])) > LIMITS.alike:
             yield Reason(
                 CARE, "aileron and rudder move together", "move one at a time, or a multisine on each", LATERAL
             )

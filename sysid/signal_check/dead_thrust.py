@@ -2,8 +2,9 @@
 
 Drag is thrust less what the aircraft gains: by energy D / W = T / W - (g dh + V dV) / (g V dt), along the path, and by
 the accelerometers D = T cos(alpha) - m (ax cos(alpha) + az sin(alpha)) (Klein & Morelli, Aircraft System
-Identification, 2nd ed., 2016, eqs. 3.36 and 5.2). What rises with the air, gliding, keeps its height too: its
-accelerometers show the drag.
+Identification, 2nd ed., 2016, eqs. 3.36 and 5.2). What rises with the air, gliding, keeps its height too: a vane and
+the accelerometers show its drag. Without them, or with a vane that is a degree or two off, it is not distinguished from
+a dead sensor, and its drag is refused rather than believed.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ def without_dead_thrust(signals: FlightSignals, prepared: Prepared) -> FlightSig
     if name not in signals.signals or not _is_zero(signals.signals[name].values):
         return signals
     gained, doubt = _by_energy(prepared)
-    felt = _by_accelerometers(prepared)
+    felt = _by_accelerometers(prepared) if {"ax", "az"} <= signals.signals.keys() else None
     if not (-gained + 2.0 * doubt < 1.0 / _BEST_GLIDE and (felt is None or felt < _LEAST_FELT)):
         return signals
     kept = {key: one for key, one in signals.signals.items() if key != name}

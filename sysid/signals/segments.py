@@ -58,7 +58,8 @@ def find_segments(
 
     data: needs `airspeed` (m/s; else `vn ve`), body rates, and the surfaces `de da dr` where known; `altitude`
         or `height` (m), where present, distinguishes take-off roll and landing from flight.
-    min_length_s: shortest part given, s; of a record not much longer itself WINDOW_SHARE of it, WINDOW_S at least.
+    min_length_s: shortest part given, s; of a record that begins and ends in the air and is not much longer itself
+        WINDOW_SHARE of it, WINDOW_S at least.
     require_excited: if no part is excited, True raises and False gives the airborne parts as kind "steady".
     Returns the parts in order of time, without overlap and without gaps in the data.
     Raises SegmentError in one line if the flight holds none.
@@ -66,7 +67,8 @@ def find_segments(
     interval = data.interval_s
     airborne = airborne_mask(data)
     usable = airborne & _complete(data)
-    min_length_s = min(min_length_s, max(WINDOW_SHARE * usable.size * interval, WINDOW_S))
+    if airborne[0] and airborne[-1]:
+        min_length_s = min(min_length_s, max(WINDOW_SHARE * usable.size * interval, WINDOW_S))
     runs = [run for run in _runs(usable) if (run[1] - run[0]) * interval >= min_length_s]
     if not runs:
         raise SegmentError(

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import lzma
+import math
 import re
+import struct
+import tokenize
 import tomllib
 import zipfile
 import zlib
@@ -39,6 +43,11 @@ _COMMA = re.compile(r"[-+]?\d+,\d+")
 _DEEPEST, _LARGEST_BYTES = 4, 1_000_000_000
 # Characters of a row of headers, and columns: what no logger writes.
 _LONGEST_ROW, _MOST_COLUMNS = 100_000, 5_000
+# What reading an archive that is none, or damaged, or made to harm raises.
+_NO_ARCHIVE = (
+    zipfile.BadZipFile, zlib.error, lzma.LZMAError, tokenize.TokenError, struct.error, ValueError, TypeError,
+    OverflowError, RuntimeError, EOFError, NotImplementedError, MemoryError, SyntaxError, KeyError,
+)  # fmt: skip
 # How the columns of NumPy's matrices are called: of a position, and of a quaternion, scalar first.
 _PARTS = {3: "xyz", 4: "0123"}
 # MATLAB's files since 7.3 are HDF5's behind a header of their own.
@@ -375,19 +384,36 @@ def _numpy(path: Path, name: str) -> ColumnTable:
     """NumPy's archive of arrays. Objects in it are not read: they would run code."""
     try:
         with zipfile.ZipFile(path) as archive:
-            if any(one.file_size > _LARGEST_BYTES for one in archive.infolist()):
-                raise TableError(f"{name}: an array in it is larger than {_LARGEST_BYTES / 1e9:g} GB")
+            _require_sizes(archive, name)
         with np.load(path, allow_pickle=False) as arrays:
             held = {key: arrays[key] for key in arrays.files}
-    except (zipfile.BadZipFile, zlib.error, ValueError, EOFError, NotImplementedError, MemoryError) as error:
+    except _NO_ARCHIVE as error:
         raise TableError(f"{name}: is no .npz of arrays of numbers: {_line(error)}") from None
     found: dict[str, Array] = {}
     left_out: list[str] = []
     _walk(held, "", found, left_out)
-    for key in [key for key, array in found.items() if array.ndim > 1 and array.shape[1] in _PARTS]:
-        array = found.pop(key)
+    for key in [key for key, array in found.items() if array.ndim > 1]:
+        array = found[key] = found[key] if len(found[key]) >= found[key].shape[1] else found[key].T
+        if array.shape[1] not in _PARTS:
+            continue
+        del found[key]
         found |= {f"{key}_{part}": array[:, i] for i, part in enumerate(_PARTS[array.shape[1]])}
     return _of_variables(name, found, left_out)
+
+
+def _require_sizes(archive: zipfile.ZipFile, name: str) -> None:
+    """TableError for an archive whose arrays are more numbers than a flight: they are counted before they are read."""
+    entries = archive.infolist()
+    if len(entries) > _MOST_COLUMNS:
+        raise TableError(f"{name}: has {len(entries)} arrays; {_MOST_COLUMNS} are the most that are read")
+    numbers = 0
+    for entry in entries:
+        with archive.open(entry) as file:
+            version = np.lib.format.read_magic(file)
+            header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+            numbers += math.prod(header(file)[0])
+    if 8 * numbers > _LARGEST_BYTES or sum(entry.file_size for entry in entries) > _LARGEST_BYTES:
+        raise TableError(f"{name}: its arrays take more than {_LARGEST_BYTES / 1e9:g} GB")
 
 
 def _of_variables(name: str, found: Mapping[str, Array], left_out: list[str]) -> ColumnTable:
@@ -395,7 +421,9 @@ def _of_variables(name: str, found: Mapping[str, Array], left_out: list[str]) ->
     fdata = next((array for key, array in found.items() if _last(key) == "fdata" and looks_like_fdata(array)), None)
     if fdata is not None:
         return ColumnTable(Path(name).stem, {}, {}, fdata, tuple(left_out))
-    columns = {}
+    columns: dict[str, Array] = {}
+    if sum(1 if array.ndim == 1 else array.shape[1] for array in found.values()) > _MOST_COLUMNS:
+        raise TableError(f"{name}: has more than {_MOST_COLUMNS} columns")
     for key, array in found.items():
         if array.ndim == 1:
             columns[key] = array

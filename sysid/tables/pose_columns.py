@@ -56,24 +56,57 @@ def derived_columns(columns: Mapping[str, Array], named: Mapping[str, Wanted] | 
     TableError
         Where position and quaternion are no flight's.
     """
-    pose = _pose_in(list(columns), named or {})
+    spoken = _by_header(named or {}, list(columns))
+    pose = _pose_in(list(columns), spoken)
     if pose is None:
-        every, angles = with_angles(columns, named)
-        return every, {**angles, **(named or {})}, units
+        every, angles = with_angles(columns, spoken)
+        return every, {**angles, **spoken}, units
     time, places, quaternion = pose
+    _require_one_length(columns, time)
     stamps = _in_si(columns, time, TIME, "s", units)
     at = np.column_stack([_in_si(columns, header, "position", "m", units) for header in places])
     turned = np.column_stack([np.asarray(columns[header], dtype=np.float64) for header in quaternion])
     found = _signals(stamps, at, turned, _SAID.get(tuple(plain(split_header(header)[0]) for header in places), ""))
-    headers: dict[str, Wanted] = {name: _HEADER.format(name, SIGNAL_UNITS[name]) for name in found if name != TIME}
+    known = _known_besides(columns, spoken)
+    headers: dict[str, Wanted] = {
+        name: _HEADER.format(name, SIGNAL_UNITS[name]) for name in found if name not in (TIME, *known)
+    }
     headers[TIME] = "time (s)"
+    gone = {time, TIME, "position", *places, *quaternion}
     rest = {header: values for header, values in columns.items() if header not in (time, *places, *quaternion)}
     # An input holds until the next one.
     held = np.searchsorted(stamps, found[TIME] + 1e-9, side="right").clip(min=1) - 1
     every = {header: np.asarray(values)[held] for header, values in rest.items()}
-    every |= {str(headers[name]): values for name, values in found.items()}
-    said = units if isinstance(units, str) or units is None else {k: u for k, u in units.items() if k in every}
-    return every, {**(named or {}), **headers}, said
+    every |= {str(header): found[name] for name, header in headers.items()}
+    said = units if isinstance(units, str) or units is None else {k: u for k, u in units.items() if k not in gone}
+    return every, {**spoken, **headers}, said
+
+
+def _by_header(named: Mapping[str, Wanted], headers: Sequence[str]) -> dict[str, Wanted]:
+    """What the user names, columns by their headers: their numbers are those of the whole table."""
+    return {
+        signal: headers[wanted] if isinstance(wanted, int) and 0 <= wanted < len(headers) else wanted
+        for signal, wanted in named.items()
+    }
+
+
+def _headers_of(named: Mapping[str, Wanted]) -> set[str]:
+    each = (set(map(str, wanted)) if isinstance(wanted, Mapping) else {str(wanted)} for wanted in named.values())
+    return set().union(*each)
+
+
+def _known_besides(columns: Mapping[str, Array], named: Mapping[str, Wanted]) -> set[str]:
+    """Signals that the table measures itself, or the user names: they are not made from the motion in still air."""
+    spelt = {name for header in columns for name in (plain(header), split_header(header)[0])}
+    known = {signal for signal in SIGNAL_UNITS if signal in named or spelt & set(USUAL_NAMES.get(signal, ()))}
+    return known | ({"true_airspeed"} if known & {"airspeed", "differential_pressure"} else set())
+
+
+def _require_one_length(columns: Mapping[str, Array], time: str) -> None:
+    rows = np.size(columns[time])
+    for header, values in columns.items():
+        if np.ndim(values) != 1 or np.size(values) != rows:
+            raise TableError(f"column {header!r} has {np.size(values)} rows, and the time {rows}")
 
 
 def _pose_in(headers: Sequence[str], named: Mapping[str, Wanted]) -> tuple[str, list[str], tuple[str, ...]] | None:
@@ -83,12 +116,12 @@ def _pose_in(headers: Sequence[str], named: Mapping[str, Wanted]) -> tuple[str, 
         return None
     quaternion = quaternion_in(headers)
     given = named.get(TIME)
-    if isinstance(given, int) and 0 <= given < len(headers):
-        given = headers[given]
     usual = (by_name[name] for name in USUAL_NAMES[TIME] if name in by_name)
     time = given if isinstance(given, str) and given in headers else next(usual, None)
     places = _places(by_name)
-    return None if not quaternion or time is None or not places else (time, places, quaternion)
+    if not quaternion or time is None or not places or _headers_of(named) & {*places, *quaternion}:
+        return None
+    return time, places, quaternion
 
 
 def _places(by_name: Mapping[str, str]) -> list[str]:

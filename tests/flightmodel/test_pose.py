@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -191,3 +192,50 @@ def test_axes_that_no_bank_shows_are_asked_for(seen: dict[str, np.ndarray], tmp_
     table = {"time": seen["time"], "north": north, "east": east, "down": down, "quaternion": level}
     np.savez(path, **table, de=seen["in_de"])
     assert np.mean(Flight.read(path, units="SI")["az"][1]) < -9.0
+
+
+def written(path: Path, table: dict[str, np.ndarray]) -> Path:
+    np.savetxt(path, np.column_stack(list(table.values())), delimiter=",", header=",".join(table), comments="")
+    return path
+
+
+def test_what_the_user_says_of_a_table_of_poses_holds(seen: dict[str, np.ndarray], tmp_path: Path) -> None:
+    table = table_of(seen, "x y z")
+    degrees = {"surface": np.degrees(table.pop("elevator (rad)"))}
+    vane = {"alpha (rad)": seen["true_alpha"] + 0.1}
+    path = written(tmp_path / "hall.csv", {**table, **degrees, **vane})
+    number = len(table)
+    read = Flight.read(path, columns={"de": number}, units={"throttle": "1", "de": "deg"})
+    assert read["de"][1] == pytest.approx(flight_of(seen)["de"][1], abs=1e-6)
+    # What a vane measured is not made from the motion in still air.
+    assert np.mean(read["alpha"][1] - flight_of(seen)["alpha"][1]) == pytest.approx(0.1, abs=2e-3)
+    named = Flight.read(path, columns={"altitude": {"z": -1.0}}, units={"throttle": "1", "surface": "deg", "z": "m"})
+    assert "q" not in named.signals.signals
+
+
+@pytest.mark.parametrize("short", ["de", "quaternion"])
+def test_columns_of_other_lengths_are_said(short: str, seen: dict[str, np.ndarray], tmp_path: Path) -> None:
+    table = {"time (s)": seen["time"], **dict(zip("xyz", seen["position"].T, strict=True)), "de": seen["in_de"]}
+    table |= dict(zip(("q0", "q1", "q2", "q3"), seen["quaternion"].T, strict=True))
+    table["de" if short == "de" else "q0"] = seen["in_de"][:-5]
+    with pytest.raises(TableError, match=r"rows, and the time 4"):
+        Flight.from_frame(table, units="SI")
+
+
+def test_archives_made_to_harm_are_refused(seen: dict[str, np.ndarray], tmp_path: Path) -> None:
+    path = tmp_path / "bomb.npz"
+    np.savez_compressed(path, **{f"a{i}": np.zeros(60_000_000, dtype=np.uint8) for i in range(3)})
+    with pytest.raises(TableError, match=r"take more than 1 GB"):
+        Flight.read(path)
+    np.savez_compressed(path, time=np.arange(30.0), wide=np.zeros((40, 100_000), dtype=np.uint8))
+    with pytest.raises(TableError, match="columns"):
+        Flight.read(path)
+    for header in (b"{[]:1}", b"'''", b"{'descr': '<f8', 'fortran_order': False, 'shape': (10**26,), }"):
+        text = header + b" " * (117 - len(header)) + b"\n"
+        with zipfile.ZipFile(path, "w") as archive:
+            archive.writestr("a.npy", b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text)
+        with pytest.raises(TableError):
+            Flight.read(path)
+    flat = {"time": seen["time"], "position": seen["position"].T, "quaternion": seen["quaternion"].T}
+    np.savez(path, **flat, de=seen["in_de"])
+    assert Flight.read(path, units="SI")["q"][1] == pytest.approx(flight_of(seen)["q"][1], abs=1e-9)

@@ -144,14 +144,14 @@ def test_garbage_is_refused_in_one_line(content: bytes, folder: Path, capsys: py
     assert said.count("\n") == 1
 
 
-def test_a_log_that_ends_before_it_flies_is_refused_in_one_line(
+def test_a_log_that_ends_before_anything_moves_is_refused_in_one_line(
     folder: Path, rows: Sequence[Row], capsys: pytest.CaptureFixture[str]
 ) -> None:
     log = folder / "short.tlog"
     write_tlog(log, rows[:100], "HIGHRES_IMU", 0.0)
     code, _, said = identify(capsys, log, "--vehicle", folder / "heron.toml")
     assert code == 1
-    assert "no airborne part" in said
+    assert "airborne from 0.0 to 2.0 s, but no surface moved" in said
     assert said.count("\n") == 1
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -197,10 +198,12 @@ def begin(asked: Asked, read: FlightsRead) -> SpectrumComparison | None:
         return None
     if not has_actuator_lag_and_coloured_noise(estimated):
         return None
-    if odd := beyond_usual(estimated):
-        asked = replace(asked, vehicle=without_nuisances(asked.vehicle, odd))
-        seen = flown(read.fitted, asked.vehicle)
-        estimated = _fitted(seen.parts, asked, model)
+    without = without_nuisances(asked.vehicle, beyond_usual(estimated))
+    if without != asked.vehicle:
+        with suppress(EstimationError):
+            other = flown(read.fitted, without)
+            estimated = _fitted(other.parts, replace(asked, vehicle=without), model)
+            asked, seen = replace(asked, vehicle=without), other
     return _begun(asked, read, seen, model, estimated, False)
 
 

@@ -66,3 +66,12 @@ def test_a_window_too_short_is_left_out_and_named() -> None:
     whole = windows(flight, 3.0, 0.5, 5.0, 4)
     found = identify([*whole, cut(flight, 20.0, 20.5, "half a second")], VEHICLE, method="map")
     assert any(line.startswith("left out: half a second") for line in found.warnings)
+
+
+def test_flights_of_one_name_are_held_apart() -> None:
+    flight = fly_mav("multisine", 83, duration=30.0)[0]
+    cuts = [replace(one, name="flight") for one in windows(flight, 4.0, 0.5, 5.0, 4)]
+    found = identify(cuts, VEHICLE, method="map", systematic=False)
+    assert [one.data.name for one in found.flights] == ["flight", "flight (2)", "flight (3)", "flight (4)"]
+    assert {len(one.values) for one in found.repeatability.values()} <= {3, 4}
+    assert "Cm_alpha" in found.repeatability

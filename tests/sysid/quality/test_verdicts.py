@@ -194,3 +194,13 @@ def test_an_identification_carries_the_verdict_of_flight_and_estimate() -> None:
     found = identify([changed(flight, **slow)], VEHICLE, systematic=False)
     assert found.quality.verdict == CARE
     assert any("25 Hz" in one.text for one in found.quality.reasons)
+
+
+def test_what_one_flight_lacks_is_not_said_of_axes_that_another_flew() -> None:
+    lateral = changed(fly_mav("aileron-doublet,rudder-doublet", 2)[0], beta=None)
+    longitudinal = changed(fly_mav("elevator-3211", 2)[0], beta=None)
+    slow = {name: thinned(longitudinal.signals[name], 3) for name in ("ax", "ay", "az", "p", "q", "r")}
+    slowed = changed(longitudinal, **slow)
+    both = judged(lateral, slowed)
+    assert both.not_flown == ()
+    assert not any("sideslip is reconstructed" in one.text for one in both.reasons)
