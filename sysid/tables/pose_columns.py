@@ -152,12 +152,14 @@ def _signals(time_s: Array, position: Array, quaternion: Array, frame: str) -> d
         try:
             found.append(signals_of_pose(time_s, position, quaternion, one))
         except TableError as error:
-            errors.append(str(error).partition("; try frame=")[0].partition(": try frame=")[0])
+            errors.append(str(error))
     if len(found) == 1:
         return found[0]
     if not found:
-        words = "" if frame else "; neither as north, east, down nor as east, north, up"
-        raise TableError(f"{errors[0]}{words}")
+        # What is wrong in both frames alike has nothing to do with them.
+        words = "" if len({*errors}) == 1 else "; neither as north, east, down nor as east, north, up"
+        why = errors[0].partition("; try frame=")[0].partition(": try frame=")[0]
+        raise TableError(f"{why}{words}")
     raise TableError(
         "pose: it never banks, and nothing else shows whether positions are north, east, down or east, north, up: call"
         " their columns so"
