@@ -23,7 +23,7 @@ from sysid.identification.result_model import with_extra
 from sysid.numerics.gaussian import Gaussian
 from sysid.numerics.statistics import without
 from sysid.posterior.analysis import estimate
-from sysid.posterior.estimates import UNINFORMED_RATIO, PosteriorEstimate
+from sysid.posterior.estimates import UNINFORMED_RATIO, NuisanceEstimate, PosteriorEstimate
 from sysid.posterior.flight_part import FlightPart, make_part
 from sysid.posterior.nuisance_priors import MOVING_MASS, PRODUCT_INERTIA, THRUST_ARM
 from sysid.posterior.stated_priors import is_line_given, unused_timing
@@ -125,11 +125,15 @@ def _identified(
     )
 
 
+def _nuisance(found: PosteriorEstimate, name: str) -> NuisanceEstimate | None:
+    return next((one for one in found.nuisances if one.name == name), None)
+
+
 def with_thrust_line(model: Model, found: PosteriorEstimate, vehicle: Vehicle) -> Model:
     """The model with the height of the thrust line, where nobody gave it or thrust turns otherwise than as was given:
     without it the coefficients fly otherwise.
     """
-    arm = next((one for one in found.nuisances if one.name == THRUST_ARM), None)
+    arm = _nuisance(found, THRUST_ARM)
     if arm is None or model.effect(THRUST_LINE_OFFSET.name) is not None:
         return model
     if is_line_given(vehicle) and abs(arm.value) < _NO_ARM * vehicle.geometry.c:
@@ -139,7 +143,7 @@ def with_thrust_line(model: Model, found: PosteriorEstimate, vehicle: Vehicle) -
 
 def _wash_words(vehicle: Vehicle, found: PosteriorEstimate) -> list[str]:
     """What the thrust turns otherwise than by the line that the vehicle file gives."""
-    arm = next((one for one in found.nuisances if one.name == THRUST_ARM), None)
+    arm = _nuisance(found, THRUST_ARM)
     if arm is None or not is_line_given(vehicle) or abs(arm.value) < _SEEN * arm.std:
         return []
     return [
@@ -151,7 +155,7 @@ def _wash_words(vehicle: Vehicle, found: PosteriorEstimate) -> list[str]:
 
 def _product_words(vehicle: Vehicle, found: PosteriorEstimate) -> list[str]:
     """What the flight knows of the product of inertia, which belongs into the vehicle file."""
-    one = next((one for one in found.nuisances if one.name == PRODUCT_INERTIA), None)
+    one = _nuisance(found, PRODUCT_INERTIA)
     if one is None or one.std > UNINFORMED_RATIO * one.prior_std:
         return []
     return [
@@ -162,7 +166,7 @@ def _product_words(vehicle: Vehicle, found: PosteriorEstimate) -> list[str]:
 
 def _moving_words(found: PosteriorEstimate) -> list[str]:
     """What the flight knows of the mass on the thrust sensor, which belongs into the vehicle file."""
-    one = next((one for one in found.nuisances if one.name == MOVING_MASS), None)
+    one = _nuisance(found, MOVING_MASS)
     if one is None:
         return []
     grams, std = 1e3 * one.value, 1e3 * one.std

@@ -12,7 +12,7 @@ from sysid.errors import TableError
 from sysid.tables.columns import TAKEN_FOR_SECONDS, Wanted, split_header
 from sysid.tables.names import SIGNAL_UNITS, TIME, UNIT_OF_NAME, USUAL_NAMES, plain
 from sysid.tables.pose import FRAMES, signals_of_pose
-from sysid.tables.quaternions import quaternion_in, with_angles
+from sysid.tables.quaternions import headers_named, quaternion_in, with_angles
 from sysid.tables.units import unit_of
 
 _IMU = ("p", "q", "r", "ax", "ay", "az")
@@ -90,11 +90,6 @@ def _by_header(named: Mapping[str, Wanted], headers: Sequence[str]) -> dict[str,
     }
 
 
-def _headers_of(named: Mapping[str, Wanted]) -> set[str]:
-    each = (set(map(str, wanted)) if isinstance(wanted, Mapping) else {str(wanted)} for wanted in named.values())
-    return set().union(*each)
-
-
 def _known_besides(columns: Mapping[str, Array], named: Mapping[str, Wanted]) -> set[str]:
     """Signals that the table measures itself, or the user names: they are not made from the motion in still air."""
     spelt = {name for header in columns for name in (plain(header), split_header(header)[0])}
@@ -119,7 +114,7 @@ def _pose_in(headers: Sequence[str], named: Mapping[str, Wanted]) -> tuple[str, 
     usual = (by_name[name] for name in USUAL_NAMES[TIME] if name in by_name)
     time = given if isinstance(given, str) and given in headers else next(usual, None)
     places = _places(by_name)
-    if not quaternion or time is None or not places or _headers_of(named) & {*places, *quaternion}:
+    if not quaternion or time is None or not places or headers_named(named) & {*places, *quaternion}:
         return None
     return time, places, quaternion
 

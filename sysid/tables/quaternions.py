@@ -43,6 +43,12 @@ def quaternion_in(headers: Sequence[str]) -> tuple[str, ...]:
     return ()
 
 
+def headers_named(named: Mapping[str, Wanted]) -> set[str]:
+    """Headers that the user names, each in what he wants of it."""
+    each = (set(map(str, wanted)) if isinstance(wanted, Mapping) else {str(wanted)} for wanted in named.values())
+    return set().union(*each)
+
+
 def with_angles(
     columns: Mapping[str, Array], named: Mapping[str, Wanted] | None = None
 ) -> tuple[dict[str, Array], dict[str, str]]:
@@ -64,10 +70,8 @@ def with_angles(
         Signal -> header.
     """
     headers = quaternion_in(list(columns))
-    spoken = {*(named or {})}
-    for wanted in (named or {}).values():
-        spoken |= set(map(str, wanted)) if isinstance(wanted, Mapping) else {str(wanted)}
-    if not headers or spoken & {*headers, *_ANGLES}:
+    named = named or {}
+    if not headers or ({*named} | headers_named(named)) & {*headers, *_ANGLES}:
         return dict(columns), {}
     try:
         parts = np.column_stack([np.asarray(columns[header], dtype=np.float64) for header in headers])

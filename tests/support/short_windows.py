@@ -58,7 +58,8 @@ def window_of(signals: FlightSignals, begin_s: float, end_s: float, name: str) -
     found = {}
     for key, one in signals.signals.items():
         inside = (one.time_s >= begin_s) & (one.time_s < end_s)
-        found[key] = replace(one, time_s=one.time_s[inside], values=one.values[inside])
+        if np.count_nonzero(inside) > 1:
+            found[key] = replace(one, time_s=one.time_s[inside], values=one.values[inside])
     return replace(signals, name=name, signals=found)
 
 

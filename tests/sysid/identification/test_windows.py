@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from field_flight import field_flight
+from short_windows import window_of
 from simulated import fly_mav
 
 from sim_vehicle.model.model_file import read_model
@@ -23,16 +24,7 @@ def windows(flight: FlightSignals, length_s: float, pause_s: float, begin_s: flo
     """A flight cut into flights of their own."""
     end_s = float(flight.signals["q"].time_s[-1])
     starts = np.arange(begin_s, end_s - length_s, length_s + pause_s)[:most]
-    return [cut(flight, start, start + length_s, f"window {i}") for i, start in enumerate(starts)]
-
-
-def cut(flight: FlightSignals, begin_s: float, end_s: float, name: str) -> FlightSignals:
-    signals = {}
-    for key, one in flight.signals.items():
-        inside = (one.time_s >= begin_s) & (one.time_s < end_s)
-        if np.count_nonzero(inside) > 1:
-            signals[key] = replace(one, time_s=one.time_s[inside], values=one.values[inside])
-    return replace(flight, name=name, signals=signals)
+    return [window_of(flight, start, start + length_s, f"window {i}") for i, start in enumerate(starts)]
 
 
 @pytest.mark.parametrize(("length_s", "method"), [(0.9, "map"), (1.5, "auto")])
@@ -64,7 +56,7 @@ def test_noise_of_windows_in_gusts_is_of_one_kind(tmp_path: Path) -> None:
 def test_a_window_too_short_is_left_out_and_named() -> None:
     flight = fly_mav("multisine", 82, duration=30.0)[0]
     whole = windows(flight, 3.0, 0.5, 5.0, 4)
-    found = identify([*whole, cut(flight, 20.0, 20.5, "half a second")], VEHICLE, method="map")
+    found = identify([*whole, window_of(flight, 20.0, 20.5, "half a second")], VEHICLE, method="map")
     assert any(line.startswith("left out: half a second") for line in found.warnings)
 
 
