@@ -15,9 +15,11 @@ import numpy as np
 from sysid.arrays import Array
 
 # Signals of which a hold or a damper makes the command of each surface.
-LAW_OF: Mapping[str, Sequence[str]] = {"de": ("theta", "q"), "da": ("phi", "p"), "dr": ("r",)}
+LAW_OF: Mapping[str, Sequence[str]] = {"de": ("theta", "q"), "da": ("phi", "p"), "dr": ("r", "phi")}
 # Fewer samples are no evidence; a command of less variance, rad^2, rests.
 _FEWEST, _AT_REST = 50, 1e-12
+# Windows in each of which a law is looked for, s, and the fewest samples of one.
+_WINDOW_S, _FEWEST_IN_WINDOW = 3.0, 25
 # Share of a surface's motion that a law explains.
 _LAW_SHARE = 0.97
 # Delays of a law that are tried, s; and by how much a motion may follow its command.
@@ -27,7 +29,37 @@ _LAW_DELAYS_S, _AHEAD_S = (0.0, 0.02, 0.04, 0.07, 0.10), (0.04, 0.07, 0.10)
 _AS_LITTLE = 1.1
 
 
-def is_feedback_law(command: Callable[[Array], Array], time_s: Array, motion: Sequence[Array]) -> bool:
+def law_share(command: Callable[[Array], Array], time_s: Array, motion: Sequence[Array]) -> float:
+    """Share of the time that a command moves in which it is nothing but gains times some measured motion.
+
+    An autopilot lets go of a surface for a test input and takes it back: as a whole such a command is no law.
+
+    Parameters
+    ----------
+    command : callable
+        Values of the command, rad, at any times, s.
+    time_s : Array, shape (N,)
+        Times of the motion, s.
+    motion : Sequence[Array], each of shape (N,)
+        What it may be made of, rad and rad/s.
+
+    Returns
+    -------
+    float
+        0 for a command that rests.
+    """
+    size = round(_WINDOW_S / float(np.median(np.diff(time_s))))
+    found = []
+    for begin in range(0, time_s.size - size + 1, max(size, 1)):
+        here = slice(begin, begin + size)
+        if np.var(command(time_s[here])) > _AT_REST:
+            found.append(is_feedback_law(command, time_s[here], [one[here] for one in motion], _FEWEST_IN_WINDOW))
+    return float(np.mean(found)) if found else 0.0
+
+
+def is_feedback_law(
+    command: Callable[[Array], Array], time_s: Array, motion: Sequence[Array], fewest: int = _FEWEST
+) -> bool:
     """Whether a command is nothing but gains times some measured motion, a little later, and not its cause.
 
     Parameters
@@ -38,6 +70,8 @@ def is_feedback_law(command: Callable[[Array], Array], time_s: Array, motion: Se
         Times of the motion, s.
     motion : Sequence[Array], each of shape (N,)
         What it may be made of, rad and rad/s; values that are not finite are left out.
+    fewest : int, optional
+        Samples below which there is no evidence.
 
     Returns
     -------
@@ -46,7 +80,7 @@ def is_feedback_law(command: Callable[[Array], Array], time_s: Array, motion: Se
     """
     A = np.stack([*motion, np.ones(time_s.size)], axis=1)
     good = np.isfinite(A).all(axis=1)
-    if np.count_nonzero(good) < _FEWEST:
+    if np.count_nonzero(good) < fewest:
         return False
 
     def left(delay: float) -> float:

@@ -40,6 +40,8 @@ _GAIN = 12.0
 _LEAST_SWING = 1e-6
 # Parts of the misfit that the structure and the other parts leave less of than this are no parts of their own.
 _SMALL_PART = 1e-3
+# Share of a part's information that is rounding.
+_ROUNDING = 1e-11
 _EM_STEPS, _EM_TOLERANCE = 300, 2e-3
 _LONGITUDINAL = ("alpha", "alpha2", "alpha3", "alpha4", "q", "alpha_q", "de", "alpha_de", "alpha2_de", "de2", "de3")
 _LATERAL = ("beta", "beta3", "p", "r", "da", "dr")
@@ -344,7 +346,15 @@ def _reduced(information: Array, downhill: Array, others: Array, places: Array) 
     cross = information[np.ix_(others, places)]
     beside = solve(inner, cross)
     seen = information[np.ix_(places, places)] - cross.T @ beside
-    return seen, downhill[places] - beside.T @ downhill[others]
+    pull = downhill[places] - beside.T @ downhill[others]
+    # Directions of which the others leave nothing but rounding are not seen at all, or that would be their evidence.
+    scale = np.sqrt(np.maximum(np.diag(information)[places], 1e-300))
+    size, ways = np.linalg.eigh(0.5 * (seen + seen.T) / np.outer(scale, scale))
+    kept = ways[:, size > _ROUNDING]
+    return (
+        (kept * size[size > _ROUNDING] @ kept.T) * np.outer(scale, scale),
+        scale * (kept @ (kept.T @ (pull / scale))),
+    )
 
 
 def _likeliest_variances(seen: Array, pull: Array, owner: Array) -> tuple[Array, Array]:

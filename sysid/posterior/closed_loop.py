@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from sysid.arrays import Array
-from sysid.numerics.feedback_law import LAW_OF, is_feedback_law
+from sysid.numerics.feedback_law import LAW_OF, is_feedback_law, law_share
 from sysid.posterior.flight_part import FlightPart
 from sysid.posterior.inputs import InputSignal
 from sysid.posterior.observations import CommonGrid
@@ -28,6 +28,8 @@ _REST_S, _REST_SHARE, _RESTING = 0.5, 0.02, 0.04
 _MOST_GAIN = 5.0
 # So many other times show what chance explains, and so many of their standard deviations beyond is no chance.
 _SURROGATES, _BEYOND_CHANCE = 12, 3.0
+# Share of the time in which a law moves the rudder, from which on it is in a loop.
+_OFTEN = 0.5
 # The causal filter: steps and memory, s, and its ridge.
 _STEP_S, _MEMORY_S, _RIDGE = 0.06, 0.9, 0.02
 # The same of slopes: a loop about a small aircraft has settled by 2 s; samples for each of its weights, at least.
@@ -138,3 +140,20 @@ def follow_laws(parts: Sequence[FlightPart], surfaces: Sequence[str]) -> tuple[s
         if held and all(held):
             found.append(name)
     return tuple(found)
+
+
+def damped_by_law(parts: Sequence[FlightPart]) -> list[int]:
+    """Parts in which, of the time that the rudder moves, a law of the motion alone moves it for half or more.
+
+    Ailerons are left out: an aircraft that rolls at once by them has a rate in proportion to them.
+    """
+    return [i for i, part in enumerate(parts) if not part.position and _damper_share(part) >= _OFTEN]
+
+
+def _damper_share(part: FlightPart) -> float:
+    """Share of the time that the rudder moves in which the gyro's readings, as a damper has them, move it."""
+    if "dr" not in part.inputs or "r" not in part.channels:
+        return 0.0
+    gyro = part.channels["r"]
+    felt = [np.interp(gyro.time_s, part.grid, part.motion[name]) for name in LAW_OF["dr"] if name != "r"]
+    return law_share(part.inputs["dr"].at, gyro.time_s, [gyro.values, *felt])

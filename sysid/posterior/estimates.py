@@ -10,12 +10,12 @@ import numpy as np
 from sim_vehicle.model.aerodynamic_terms import parse_term
 from sim_vehicle.vehicle.controls import DEFLECTION_SIGNALS
 from sysid.numerics.gaussian import Gaussian
-from sysid.posterior.closed_loop import SHORTEST_LOOP_S
+from sysid.posterior.closed_loop import LEAST_SHARE, SHORTEST_LOOP_S, damped_by_law
 from sysid.posterior.considered_errors import ConsiderParameter
 from sysid.posterior.estimator import Posterior, PosteriorResult
 from sysid.posterior.group_model import OF_SURFACES
-from sysid.posterior.inputs import InputSignal
-from sysid.posterior.nuisance_priors import MOVING_MASS, PRODUCT_INERTIA, SURFACES_OF
+from sysid.posterior.inputs import LOOP_INTERVAL_S, InputSignal
+from sysid.posterior.nuisance_priors import FLOW_OF, MOVING_MASS, PRODUCT_INERTIA, SURFACES_OF
 from sysid.posterior.reported_spectrum import NoiseSpectrum
 from sysid.problem.vehicle_errors import is_stated
 from sysid.signals.sensor_errors import SENSOR_ERRORS
@@ -236,6 +236,8 @@ def not_believed_of(found: Mapping[str, GroupEstimate]) -> dict[str, str]:
                 # Who flies by what is wrong answers with every surface: in a loop nothing stays on its own axis.
                 spoiled = ("",) if one.result.feedback > 0.0 else _SPOILED.get(nuisance.name, ("",))
                 reasons |= {name: reason for name in one.result.names[:count] if name.startswith(spoiled)}
+        if why := _answered_unseen(one):
+            reasons |= dict.fromkeys(one.result.names[:count], why)
         servo = {n.name: float(value) for n, value in zip(model.unknowns, theta[count:], strict=True)}
         if servo.get("servo_delay", 0.0) + servo.get("servo_lag", 0.0) < _DISTINGUISHED_S:
             for surface in one.result.laws:
@@ -246,6 +248,27 @@ def not_believed_of(found: Mapping[str, GroupEstimate]) -> dict[str, str]:
                     if "." not in name and hidden & set(parse_term(name).factors)
                 }
     return reasons
+
+
+def _answered_unseen(one: GroupEstimate) -> str:
+    """Why nothing of the lateral axes is believed where something answers gusts: no vane shows the gusts, or what it
+    answers between the samples of the log is not there. Empty where nothing answers, or where both are seen.
+
+    The longitudinal axes are left out: lift shows gusts to the accelerometers as a vane does.
+    """
+    model, result, parts = one.posterior.model, one.result, one.posterior.model.parts
+    if model.group != "lateral":
+        return ""
+    by_law = one.posterior.most_answered(result.residuals, damped_by_law(parts))
+    if result.feedback == 0.0 and max(by_law, default=0.0) < LEAST_SHARE:
+        return ""
+    do = "let go of the controls but for test inputs, or fly in calm air"
+    if FLOW_OF[model.group] not in model.outputs and not model.flow_imposed:
+        return f"an autopilot or pilot answers gusts, and without a vane of the sideslip nothing shows these: {do}"
+    interval_s = max(part.command_interval_s for part in parts)
+    if interval_s > LOOP_INTERVAL_S:
+        return f"an autopilot answers gusts faster than {1.0 / interval_s:.0f} Hz show: log at 50 Hz, or {do}"
+    return ""
 
 
 def nuisances_of(found: Mapping[str, GroupEstimate]) -> tuple[NuisanceEstimate, ...]:

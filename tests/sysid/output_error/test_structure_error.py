@@ -15,7 +15,7 @@ from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.compatibility.reconstruction import check_compatibility
 from sysid.identify import identify
 from sysid.output_error.from_problem import fit
-from sysid.output_error.structure_error import _GAIN, _likeliest_variances
+from sysid.output_error.structure_error import _GAIN, _likeliest_variances, _reduced
 from sysid.problem.estimation_problem import free_coefficients
 from sysid.problem.formulation import make_problem
 from sysid.problem.model_structure import default_structure
@@ -148,3 +148,17 @@ def test_the_size_of_a_misfit_is_found() -> None:
     mean = np.mean(found, axis=0)
     assert mean[1] == pytest.approx(0.09, rel=0.25)
     assert max(mean[0], mean[2]) < 0.01 * mean[1]
+
+
+def test_parts_that_the_others_leave_nothing_of_have_no_evidence() -> None:
+    # Two of three parts are one unknown of the others: what is left of them is rounding, up to 1e-6 of 1e10.
+    J = np.random.default_rng(4).standard_normal((60, 5)) * [1.0, 1e5, 1e2, 1e5, 1e5]
+    J[:, 3], J[:, 4] = J[:, 0] * 1e5, J[:, 1] + 1e-7 * J[:, 3]
+    left = np.random.default_rng(5).standard_normal(60)
+    seen, pull = _reduced(J.T @ J, J.T @ left, np.array([0, 1]), np.array([2, 3, 4]))
+    assert seen[0, 0] > 1e4
+    assert np.abs(seen[1:, 1:]).max() < 1e-3
+    variances, gains = _likeliest_variances(seen, pull, np.array([0, 1, 1]))
+    assert np.isfinite(variances).all()
+    assert np.isfinite(gains).all()
+    assert abs(gains[1]) < 1.0
