@@ -57,8 +57,9 @@ _MAIN, _MINOR = 6.0, 1.0
 _MINOR_NAMES = frozenset(("CY_p", "CY_r", "CY_da", "Cl_dr", "Cn_p", "Cn_da"))
 # By so much may the answered share of the commands seem larger, and gusts that are seen are still better than not.
 _NO_WORSE = 0.1
-# Largest share of noise in a flow angle by its vane that may drive the simulation.
-_MOST_NOISE = 0.1
+# Largest share of noise in a flow angle by its vane that may drive the simulation. Lift shows gusts to an accelerometer
+# as a vane does; the side force does not, and a loop makes more of gusts that are not seen than noise does.
+_MOST_NOISE = {"alpha": 0.1, "beta": 1.0}
 # Steps from each of two starts before one is chosen.
 _FIRST_PASSES = 3
 # By so much in logarithms of probability another end of a search is likelier, and not the same.
@@ -354,7 +355,7 @@ def _likelier_flow(begin: Callable[..., _GroupSearch], near: Mapping[str, float]
             again = begun.keep_if_better(other.values(), MAX_PASSES, 0.0)
             if again.feedback() == 0.0:
                 return again
-            if noise < _MOST_NOISE and other.feedback() < feedback + _NO_WORSE:
+            if noise < _MOST_NOISE[flow] and other.feedback() < feedback + _NO_WORSE:
                 return other
     return begun
 

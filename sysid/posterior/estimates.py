@@ -236,8 +236,7 @@ def not_believed_of(found: Mapping[str, GroupEstimate]) -> dict[str, str]:
                 # Who flies by what is wrong answers with every surface: in a loop nothing stays on its own axis.
                 spoiled = ("",) if one.result.feedback > 0.0 else _SPOILED.get(nuisance.name, ("",))
                 reasons |= {name: reason for name in one.result.names[:count] if name.startswith(spoiled)}
-        if why := _answered_unseen(one):
-            reasons |= dict.fromkeys(one.result.names[:count], why)
+        reasons |= _answered_unseen(one)
         servo = {n.name: float(value) for n, value in zip(model.unknowns, theta[count:], strict=True)}
         if servo.get("servo_delay", 0.0) + servo.get("servo_lag", 0.0) < _DISTINGUISHED_S:
             for surface in one.result.laws:
@@ -250,25 +249,27 @@ def not_believed_of(found: Mapping[str, GroupEstimate]) -> dict[str, str]:
     return reasons
 
 
-def _answered_unseen(one: GroupEstimate) -> str:
-    """Why nothing of the lateral axes is believed where something answers gusts: no vane shows the gusts, or what it
-    answers between the samples of the log is not there. Empty where nothing answers, or where both are seen.
+def _answered_unseen(one: GroupEstimate) -> dict[str, str]:
+    """What is not believed where something answers gusts, and why: all of the lateral axes where no vane shows the
+    gusts; of a log that is slower than the loop all of them as well, and of the longitudinal axes the damping.
 
-    The longitudinal axes are left out: lift shows gusts to the accelerometers as a vane does.
+    Lift shows gusts to the accelerometers as a vane does, and what a loop does between two samples acts as damping.
     """
     model, result, parts = one.posterior.model, one.result, one.posterior.model.parts
-    if model.group != "lateral":
-        return ""
-    by_law = one.posterior.most_answered(result.residuals, damped_by_law(parts))
+    lateral = model.group == "lateral"
+    by_law = one.posterior.most_answered(result.residuals, damped_by_law(parts) if lateral else ())
     if result.feedback == 0.0 and max(by_law, default=0.0) < LEAST_SHARE:
-        return ""
+        return {}
     do = "let go of the controls but for test inputs, or fly in calm air"
-    if FLOW_OF[model.group] not in model.outputs and not model.flow_imposed:
-        return f"an autopilot or pilot answers gusts, and without a vane of the sideslip nothing shows these: {do}"
+    names = [name for name in result.names[: len(model.parameters)] if "." not in name]
+    if lateral and FLOW_OF[model.group] not in model.outputs and not model.flow_imposed:
+        why = f"an autopilot or pilot answers gusts, and without a vane of the sideslip nothing shows these: {do}"
+        return dict.fromkeys(names, why)
     interval_s = max(part.command_interval_s for part in parts)
     if interval_s > LOOP_INTERVAL_S:
-        return f"an autopilot answers gusts faster than {1.0 / interval_s:.0f} Hz show: log at 50 Hz, or {do}"
-    return ""
+        why = f"an autopilot answers gusts faster than {1.0 / interval_s:.0f} Hz show: log at 50 Hz, or {do}"
+        return {name: why for name in names if lateral or "q" in parse_term(name).factors}
+    return {}
 
 
 def nuisances_of(found: Mapping[str, GroupEstimate]) -> tuple[NuisanceEstimate, ...]:
