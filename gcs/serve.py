@@ -18,7 +18,7 @@ from uvicorn.config import LOGGING_CONFIG
 from gcs.allocator import give_memory_back
 from gcs.api import create_app
 from gcs.api.connections import MOST, BoundedProtocol, limited
-from gcs.api.server import Server
+from gcs.api.server import AT_A_TIME, WAITING, Server
 from gcs.api.tls import tls_context
 from gcs.catalogue.aircraft_rule import STATION
 from gcs.catalogue.flight_table import Flight
@@ -87,7 +87,7 @@ def _links(urls: tuple[str, ...]) -> Iterator[list[Link]]:
 def _listen(settings: Settings) -> socket.socket:
     try:
         family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
-        listener = socket.create_server((settings.host, settings.port), family=family, backlog=128)
+        listener = socket.create_server((settings.host, settings.port), family=family, backlog=WAITING)
     except OSError as error:
         raise ServiceError(
             f"cannot listen on {settings.host} port {settings.port} ({reason(error)}); choose another --port"
@@ -134,6 +134,7 @@ def _configuration(app: FastAPI, settings: Settings, protocol: type[BoundedProto
     own_log = None if settings.json_log else LOGGING_CONFIG
     return uvicorn.Config(
         app,
+        backlog=AT_A_TIME,
         log_level="warning",
         log_config=own_log,
         access_log=False,

@@ -219,7 +219,7 @@ CAMPAIGNS = {
     "attack": LongRun(
         "tests/campaign/attack.py",
         "attacks on a service that records: what they cost",
-        "27 attacks of 15 s; what is there is kept",
+        "27 attacks of 15 s, one of five minutes; what is there is kept",
     ),
     "api": LongRun(
         "-m pytest -s --timeout=3600 tests/interop/test_api_fuzz.py",

@@ -5,8 +5,9 @@ from __future__ import annotations
 import asyncio
 import logging
 import math
+import select
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from typing import Any
 
@@ -14,8 +15,6 @@ import h11
 from starlette.types import Message, Receive, Scope, Send
 from uvicorn.protocols.http.flow_control import CLOSE_HEADER, FlowControl
 from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
-
-from gcs.links.link import readable
 
 _log = logging.getLogger(__name__)
 
@@ -25,15 +24,13 @@ MOST = 256
 PATIENCE_S = 20.0
 # How long an answer may wait to be read on, s.
 UNREAD_S = 60.0
-# Of a body that comes in chunks so many bytes are read before others have their turn: each chunk costs as much as a
-# kilobyte does.
-_SLICE = 2048
+# Of a body that comes in chunks so many bytes are read before others have their turn, once as many bytes of it are
+# there, and before that no more than the first number: each chunk costs as much as a kilobyte does.
+_FIRST_SLICE, _SLICE = 256, 2048
 # What frames the chunks of a body may be so many bytes, and this share of what they hold: they hold 48 bytes or more.
-_MOST_FRAMING, _FRAMING_SHARE = 2048, 1 / 8
+_MOST_FRAMING, _FRAMING_SHARE = 512, 1 / 8
 # What is left of a body when it is answered is read up to this, and else thrown away for so long, s.
 _MOST_LEFT, LINGER_S = 64_000, 2.0
-# So many of those that have waited longest are looked at for one to end.
-_LOOKED_AT = 64
 # The log says that there are too many once in so long, s.
 _QUIET_S = 60.0
 
@@ -83,10 +80,7 @@ class BoundedProtocol(H11Protocol):
         if len(self.connections) <= self.most:
             return
         ours = [one for one in self.connections if isinstance(one, BoundedProtocol) and one is not self]
-        idle = [one for one in ours if one.waits_for_client] or [one for one in ours if one.flow.write_paused]
-        longest = sorted(idle, key=lambda one: one._heard)
-        # What came in one rush may have sent its request, which is only not read yet.
-        victim = next((one for one in longest[:_LOOKED_AT] if not one._has_bytes_waiting()), self)
+        victim = min(_silent(ours) or [one for one in ours if one.flow.write_paused] or [self], key=_heard_at)
         if time.monotonic() - BoundedProtocol._warned > _QUIET_S:
             BoundedProtocol._warned = time.monotonic()
             _log.warning("more than %d connections: those that wait longest for their client are ended", self.most)
@@ -165,7 +159,8 @@ class BoundedProtocol(H11Protocol):
         self._count_anew()
         cycle = self.cycle if self.conn.their_state is h11.SEND_BODY else None
         whole = cycle is not None and self.conn.our_state is not h11.DONE and not self._in_chunks
-        size = max(self._declared - self._held, _SLICE) if whole else _SLICE
+        slice_ = min(max(self._held, _FIRST_SLICE), _SLICE) if self._in_chunks else _SLICE
+        size = max(self._declared - self._held, slice_) if whole else slice_
         taken = bytes(self._rest[:size])
         del self._rest[:size]
         before = 0 if cycle is None else len(cycle.body)
@@ -203,10 +198,6 @@ class BoundedProtocol(H11Protocol):
             self._next.cancel()
             self._next = None
 
-    def _has_bytes_waiting(self) -> bool:
-        sock = self.transport.get_extra_info("socket")
-        return sock is not None and readable(sock.fileno(), 0.0)
-
     @property
     def waits_for_client(self) -> bool:
         """Whether it is the client's turn: it has sent no request, or not all of one."""
@@ -233,6 +224,23 @@ class BoundedProtocol(H11Protocol):
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
+
+
+def _heard_at(one: BoundedProtocol) -> float:
+    return one._heard
+
+
+def _silent(ours: Iterable[BoundedProtocol]) -> list[BoundedProtocol]:
+    """Those that wait for their client. What came in one rush may have sent its request, which is only not read yet."""
+    poll, waiting = select.poll(), {}
+    for one in ours:
+        sock = one.transport.get_extra_info("socket")
+        if one.waits_for_client and not one._rest and sock is not None and sock.fileno() >= 0:
+            poll.register(sock.fileno(), select.POLLIN)
+            waiting[sock.fileno()] = one
+    for descriptor, _ in poll.poll(0):
+        del waiting[descriptor]
+    return list(waiting.values())
 
 
 def limited(

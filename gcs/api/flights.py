@@ -10,6 +10,7 @@ from fastapi import APIRouter, Query, Request
 from fastapi.responses import FileResponse
 from starlette.concurrency import run_in_threadpool
 
+from gcs.api.held import HeldFile
 from gcs.api.link_view import seen_by
 from gcs.api.schemas.design import Planned, PlannedCoefficient
 from gcs.api.schemas.flights import ChosenVehicle, FlightItem, FlightNotesChange, FlightPage, FlightSummary, Uploaded
@@ -265,9 +266,11 @@ def restore(service: Serving, flight_id: str) -> FlightItem:
         206: {"description": "The range asked for"},
         404: _PROBLEM,
         410: {"model": Problem, "description": "The recording was deleted to make room"},
+        503: _PROBLEM,
     },
 )
 def recording(
+    request: Request,
     service: Serving,
     flight_id: str,
     part: Annotated[int, Query(ge=1, description="Which file of a recording that was split by size")] = 1,
@@ -280,7 +283,8 @@ def recording(
     path = found.files(service.settings.flights)[part - 1]
     if not path.is_file():
         raise CatalogueError(f"part {part} of the recording of flight {flight_id} is gone from the data folder")
-    return FileResponse(path, media_type="application/octet-stream", filename=path.name)
+    who = request.state.identity.name
+    return HeldFile(path, media_type="application/octet-stream", filename=path.name, places=service.fetching, who=who)
 
 
 _Names = Annotated[str, Query(max_length=5000, description="Names from the flight's summary, separated by commas")]

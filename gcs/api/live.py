@@ -11,8 +11,8 @@ from typing import Any
 
 from fastapi import APIRouter, Request
 from fastapi.responses import StreamingResponse
-from starlette.types import Receive, Scope, Send
 
+from gcs.api.held import HeldStream
 from gcs.api.schemas.live import Live, Minute, NoteMade, NoteText
 from gcs.api.schemas.problem import Problem
 from gcs.api.service import Service, Serving
@@ -59,23 +59,10 @@ async def stream(request: Request, service: Serving) -> StreamingResponse:
     of the vehicle twice, `state` when it, flight or vehicle change.
     """
     who = request.state.identity.name
-    service.following.take(who)
     headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
-    return _Followed(_events(service), media_type="text/event-stream", headers=headers, service=service, who=who)
-
-
-class _Followed(StreamingResponse):
-    """A stream that is counted until it ends, however it does."""
-
-    def __init__(self, *given: Any, service: Service, who: str, **named: Any) -> None:
-        super().__init__(*given, **named)
-        self._service, self._who = service, who
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        try:
-            await super().__call__(scope, receive, send)
-        finally:
-            self._service.following.give_back(self._who)
+    return HeldStream(
+        _events(service), media_type="text/event-stream", headers=headers, places=service.following, who=who
+    )
 
 
 @router.post("/api/live/notes", status_code=201, responses={409: {"model": Problem}})

@@ -13,6 +13,10 @@ import uvicorn
 from gcs.live.feed import LiveFeed
 from gcs.station.supervisor import Supervisor
 
+# So many connections may wait to be accepted. One is at a time, in between which requests are read and answered: of a
+# rush that is accepted at once, hundreds would be in the way of one another.
+WAITING, AT_A_TIME = 128, 1
+
 
 class Server(uvicorn.Server):
     """Ends the streams of events when it is asked to stop: it waits for every answer to be complete.
@@ -45,6 +49,8 @@ class Server(uvicorn.Server):
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Begin to serve, and say so."""
         await super().startup(sockets)
+        for listener in sockets or ():
+            listener.listen(WAITING)  # asyncio takes the number of those that it accepts at a time for it
         if self.started:
             self._supervisor.ready()
             self._signs = asyncio.create_task(self._give_signs())

@@ -26,6 +26,8 @@ from gcs.station.station import RecordingStation
 # Who follow the flight by events, and how many of them may be one; each has a connection for as long as it likes, of
 # which others need some.
 _MOST_FOLLOWING = (64, 8)
+# Recordings that are fetched at a time, and by one: pieces of each are read by threads that all requests share.
+_MOST_FETCHED = (32, 16)
 
 
 class Watched(Protocol):
@@ -40,8 +42,8 @@ class Service:
     """The parts of the running service. started: monotonic time of its start, s. others: what else may have trouble.
 
     live: the flight as it is now; minute: as it was streamed over the last minute; views: recordings, for plots.
-    following: those who follow the stream of events. stopping: set once the service is to end. map: what lies beneath
-    the track.
+    following: those who follow the stream of events. fetching: those who fetch recordings. stopping: set once the
+    service is to end. map: what lies beneath the track.
     """
 
     settings: Settings
@@ -57,6 +59,7 @@ class Service:
     reports: Reports = field(default_factory=Reports)
     minute: LastMinute = field(default_factory=LastMinute)
     following: Places = field(default_factory=lambda: Places(*_MOST_FOLLOWING, "streams are followed"))
+    fetching: Places = field(default_factory=lambda: Places(*_MOST_FETCHED, "recordings are fetched"))
     stopping: asyncio.Event = field(default_factory=asyncio.Event)
     map: MapTiles | None = field(init=False)
 

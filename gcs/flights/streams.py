@@ -133,20 +133,17 @@ def sender_of(recording: ColumnSource, system: int | None) -> Sender:
 
     Raises SignalMapError where several vehicles or none are in the recording, or `system` is not.
     """
-    found: dict[int, Sender] = {}
-    for columns in recording.columns("HEARTBEAT"):
-        if columns.fields.size == 0 or np.all(columns.fields["type"] == GCS):
-            continue
-        last = columns.fields[-1]
-        # Cameras, gimbals and companion computers say "no autopilot"; the one that flies counts.
-        if last["autopilot"] != AUTOPILOT_INVALID or columns.system not in found:
-            found[columns.system] = Sender(columns.system, int(last["type"]), int(last["autopilot"]))
+    found = _senders(recording, system)
     if system is not None:
+        if system in found:
+            return found[system]
         # A log without any HEARTBEAT is that of the system that is named.
         heard = {c.system for c in recording.columns("HEARTBEAT") if c.fields.size}
         if heard and system not in heard:
-            raise SignalMapError(f"{recording.path.stem}: no system {system}; vehicles in it: {_list(found)}")
-        return found.get(system, Sender(system, GENERIC, AUTOPILOT_INVALID))
+            raise SignalMapError(
+                f"{recording.path.stem}: no system {system}; vehicles in it: {_list(_senders(recording, None))}"
+            )
+        return Sender(system, GENERIC, AUTOPILOT_INVALID)
     flying = {number: one for number, one in found.items() if one.autopilot != AUTOPILOT_INVALID}
     candidates = flying or found
     if len(candidates) == 1:
@@ -155,6 +152,19 @@ def sender_of(recording: ColumnSource, system: int | None) -> Sender:
         advice = "where it holds telemetry at all, name the vehicle (--system N)"
         raise SignalMapError(f"{recording.path.stem}: no vehicle's HEARTBEAT in it: {advice}")
     raise SignalMapError(f"{recording.path.stem}: several vehicles, {_list(candidates)}; choose one with --system N")
+
+
+def _senders(recording: ColumnSource, system: int | None) -> dict[int, Sender]:
+    """The vehicles whose HEARTBEAT is in a recording, or the one that is named: others may be very many."""
+    found: dict[int, Sender] = {}
+    for columns in recording.columns("HEARTBEAT", system=system):
+        if columns.fields.size == 0 or np.all(columns.fields["type"] == GCS):
+            continue
+        last = columns.fields[-1]
+        # Cameras, gimbals and companion computers say "no autopilot"; the one that flies counts.
+        if last["autopilot"] != AUTOPILOT_INVALID or columns.system not in found:
+            found[columns.system] = Sender(columns.system, int(last["type"]), int(last["autopilot"]))
+    return found
 
 
 def _list(systems: Iterable[int]) -> str:

@@ -224,6 +224,15 @@ interface ChosenVehicle {
   problem: string
 }
 
+/** A link that shows one flight. Times: UTC s. */
+interface ShareEntry {
+  id: string
+  maker: string
+  flight: string
+  made: number
+  expires: number
+}
+
 interface FlightSummary extends Flight {
   topics: Record<string, number>
   lost: number

@@ -41,6 +41,8 @@ DONE, CHUNK_FULL, CHANNEL_NEEDED = range(3)
 
 # How a frame went over the wire, and what a run of bytes is (documented in gcs.recording.wire).
 FORM_V2, FORM_V1, FORM_EXPLICIT = range(3)
+# In place of a component's number or a channel: has none, and gets none; its frames are kept as bytes.
+KEPT_AS_BYTES = -2
 RUN_NOISE, RUN_UNKNOWN, RUN_EXPLICIT = range(3)
 
 _WRAP = 1 << 32
@@ -249,16 +251,18 @@ def build(
         if at < end:
             note_noise(buffer, at, end, since, runs, run_bytes, chunk, link)
         else:
-            if kind[i] == UNKNOWN:
+            component, channel, m = np.int64(KEPT_AS_BYTES), np.int64(KEPT_AS_BYTES), np.int64(message[i])
+            identity = at + (4 if buffer[at] == MAGIC_V2 else 2)
+            if kind[i] != UNKNOWN:
+                component = component_of[np.int64(buffer[identity + 1]) << 8 | np.int64(buffer[identity + 2])]
+                if component >= 0:
+                    channel = np.int64(channels[component, m])
+                if component == -1 or (component >= 0 and channel == -1):
+                    return CHANNEL_NEEDED
+            if channel == KEPT_AS_BYTES:
                 add_run(link[FORM_COUNT], RUN_UNKNOWN, since, buffer, at, at + length[i], runs, run_bytes, link)
                 link[UNKNOWN_FRAMES] += 1
             else:
-                m = np.int64(message[i])
-                identity = at + (4 if buffer[at] == MAGIC_V2 else 2)
-                component = component_of[np.int64(buffer[identity + 1]) << 8 | np.int64(buffer[identity + 2])]
-                if component < 0 or channels[component, m] < 0:
-                    return CHANNEL_NEEDED
-                channel = np.int64(channels[component, m])
                 needed = chunk[OUT_POS] + RECORD_HEADER + table[m, CDR_SIZE]
                 if needed > out.size or chunk[INDEX_COUNT] == index.shape[0] or link[FORM_COUNT] == form.size:
                     return CHUNK_FULL

@@ -7,6 +7,7 @@ the thread of `gcs.recording.sink`.
 
 from __future__ import annotations
 
+import logging
 import os
 import time
 from collections.abc import Mapping
@@ -28,8 +29,12 @@ from gcs.recording.sink import CHUNK_BYTES, INDEX_ENTRIES, ChunkBuffer, ClosedCh
 from gcs.recording.storage import SyncPolicy
 from gcs.recording.wire import WIRE_SCHEMA, WIRE_SCHEMA_NAME, WIRE_TOPIC, encode_wire
 
+_log = logging.getLogger(__name__)
+
 _LARGEST_CHUNK_SECONDS = 4.0  # run times are 32-bit nanoseconds
-_LAST_CHANNEL = 65535
+# Components, and messages of theirs, that a recording keeps apart: a network of vehicles has some hundreds, and of more
+# the summary of a file is read for minutes. Frames of further ones are kept as bytes, as those of unknown id are.
+_MOST_COMPONENTS, _MOST_CHANNELS = 1024, 16_384
 # Chunks after which all channels are described again; more where there are more channels, so that it stays cheap.
 _DESCRIBED_EVERY = 32
 
@@ -110,6 +115,7 @@ class McapWriter:
         self._chunk_seconds = chunk_seconds
         self._opened: float | None = None
         self._undescribed = 0
+        self._is_full = False
 
     def __enter__(self) -> McapWriter:
         return self
@@ -281,6 +287,10 @@ class McapWriter:
         at = int(frames.offset[i]) + (5 if frames.buffer[frames.offset[i]] == 0xFD else 3)
         system, component = int(frames.buffer[at]), int(frames.buffer[at + 1])
         number = int(link.component_of[system << 8 | component])
+        if number < 0 and self._components == _MOST_COMPONENTS:
+            link.component_of[system << 8 | component] = kernel.KEPT_AS_BYTES
+            self._say_that_it_is_full()
+            return
         if number < 0:
             number = self._components
             self._components += 1
@@ -288,6 +298,10 @@ class McapWriter:
             if number == self._channel_of.shape[0]:
                 self._channel_of = np.concatenate((self._channel_of, np.full_like(self._channel_of, -1)))
                 self._sequences = np.concatenate((self._sequences, sequence_states(number)))
+        if len(self._channels) >= _MOST_CHANNELS:
+            self._channel_of[number, int(frames.message[i])] = kernel.KEPT_AS_BYTES
+            self._say_that_it_is_full()
+            return
         message = self._dialect.messages[frames.message[i]]
         schema = self._schema(message.schema_name, message.layout.ros2msg)
         metadata = {
@@ -304,6 +318,12 @@ class McapWriter:
         topic = f"/mavlink/{system}/{component}/{message.name}"
         self._channel_of[number, int(frames.message[i])] = self._register(schema, topic, metadata)
 
+    def _say_that_it_is_full(self) -> None:
+        if not self._is_full:
+            self._is_full = True
+            text = "%s: more than %d components or %d messages of theirs; what further ones send is kept as bytes"
+            _log.warning(text, self.path.name, _MOST_COMPONENTS, _MOST_CHANNELS)
+
     def _schema(self, name: str, text: str) -> Schema:
         schema = self._schemas.get(name)
         if schema is None:
@@ -314,10 +334,6 @@ class McapWriter:
 
     def _register(self, schema: Schema, topic: str, metadata: dict[str, str]) -> int:
         number = len(self._channels) + 1
-        if number > _LAST_CHANNEL:
-            raise RecordingError(
-                f"{self.path} has {_LAST_CHANNEL} channels, the most an MCAP file holds; start another"
-            )
         channel = Channel(number, topic, "cdr", metadata, schema.id)
         self._channels.append(channel)
         if number == self._channel_state.shape[0]:

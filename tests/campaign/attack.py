@@ -1,10 +1,11 @@
 """Attacks on a service that records an honest vehicle, on this machine alone: what they cost. Prints its table.
 
 Run: python tests/campaign/attack.py [--seconds 15] [--only NAME] [--output FOLDER]
-For each attack a service of its own records a vehicle at 500 messages a second, and is asked for its health four times
-a second. What has been tried stays in the output folder; a further run goes on from there. Wrong is: a message of the
-vehicle lost, health slower than 1 s, more than 600 MB resident in the service, a worker beyond its memory, an answer of
-5xx but 503 and 507, a log of more than 10 MB a minute, an end that SIGTERM does not bring within 10 s.
+For each attack a service of its own records a vehicle at 500 messages a second (through all at once for five minutes
+at 2,000), and is asked for its health four times a second. What has been tried stays in the output folder; a further
+run goes on from there. Wrong is: a message of the vehicle lost, health slower than 1 s (all at once: 95 % of it), more
+than 600 MB resident in the service, a worker beyond its memory, an answer of 5xx but 503 and 507, a log of more than 10
+MB a minute, an end that SIGTERM does not bring within 10 s.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
+import math
 import subprocess
 import sys
 import tempfile
@@ -28,12 +30,14 @@ sys.path.insert(0, str(ROOT / "tests" / "support"))
 
 from attacks import ATTACKS as FROM_THE_NETWORK  # noqa: E402
 from attacks import Target, status_of  # noqa: E402
+from attacks_at_once import ATTACKS_AT_ONCE, LEAST_S  # noqa: E402
+from attacks_at_once import RATE as RATE_AT_ONCE  # noqa: E402
 from attacks_by_users import ATTACKS_BY_USERS  # noqa: E402
 
 from gcs.jobs.limits import memory_limit  # noqa: E402
 from gcs.recording.reader import Recording  # noqa: E402
 
-ATTACKS = {**FROM_THE_NETWORK, **ATTACKS_BY_USERS}
+ATTACKS = {**FROM_THE_NETWORK, **ATTACKS_BY_USERS, **ATTACKS_AT_ONCE}
 RATE = 500
 ALLOWED = {"lost": 0, "health_s": 1.0, "service_mb": 600.0, "log_mb_min": 10.0, "end_s": 10.0}
 EXPECTED_5XX = (503, 507)
@@ -60,7 +64,9 @@ class Outcome:
 
 def run(name: str, seconds: float) -> Outcome:
     """One attack from start to end."""
-    outcome = Outcome(name)
+    outcome, rate = Outcome(name), RATE
+    if name in ATTACKS_AT_ONCE:
+        seconds, rate = max(seconds, LEAST_S), RATE_AT_ONCE
     with tempfile.TemporaryDirectory(prefix=f"attack-{name}-") as made:
         folder = Path(made)
         target = Target(folder, seconds)
@@ -77,7 +83,7 @@ def run(name: str, seconds: float) -> Outcome:
             assert process.stdout is not None
             target.url, target.process = process.stdout.readline().split()[-1], process.pid
             sender = subprocess.Popen(
-                [sys.executable, str(ROOT / "tests/support/numbered_sender.py"), str(target.udp), str(RATE)],
+                [sys.executable, str(ROOT / "tests/support/numbered_sender.py"), str(target.udp), str(rate)],
                 stdout=subprocess.DEVNULL,
             )
             watcher = threading.Thread(target=_watch, args=(target, outcome))
@@ -117,17 +123,18 @@ def run(name: str, seconds: float) -> Outcome:
 
 def _watch(target: Target, outcome: Outcome) -> None:
     """Ask for health and look at memory until the attack is over."""
+    took = []
     while not target.stopping.wait(0.25):
         asked = time.monotonic()
         status = status_of(target.url, "/api/health", 30.0)
-        if status != 200:
-            outcome.health_s = max(outcome.health_s, 30.0)
-        outcome.health_s = max(outcome.health_s, time.monotonic() - asked)
+        took.append(time.monotonic() - asked if status == 200 else 30.0)
         for process, command, resident in _family(target.process):
             if process == target.process:
                 outcome.service_mb = max(outcome.service_mb, resident)
             elif "gcs.jobs" in command:
                 outcome.worker_mb = max(outcome.worker_mb, resident)
+    share = 0.95 if outcome.attack in ATTACKS_AT_ONCE else 1.0
+    outcome.health_s = sorted(took)[math.ceil(share * len(took)) - 1] if took else 30.0
 
 
 def _family(root: int) -> Iterator[tuple[int, str, float]]:

@@ -270,6 +270,12 @@ def test_a_shared_link_shows_its_flight_to_somebody_without_a_token(
         assert guest.downloaded("a:text-is('Download the recording')").startswith(b"\x89MCAP")
         guest.open("#/flights")
         assert "shared link" in guest.text("main") or guest.text("h1") == "Token needed"
+        owner.wait_for_text("details ul", "Link by")
+        owner.check("sharing")
+        owner.page.click("details li button:text-is('End')")
+        owner.page.wait_for_function("!document.querySelector('details li')")
+        guest.open(address.removeprefix(guarded.url).lstrip("/"))
+        guest.wait_for_text("main", "did not accept")
     finally:
         owner.close()
         guest.close()

@@ -7,6 +7,7 @@ from api_bench import START, Bench, problem
 from traffic import SECOND
 
 from gcs.catalogue.decimate import decimate
+from gcs.jobs.places import Places
 
 pytestmark = pytest.mark.whole_flight
 
@@ -137,3 +138,12 @@ def test_any_field_of_a_message_is_a_signal_too(bench: Bench, client: httpx.Clie
     for name, words in (("GPS_RAW_INT.lat", "sent no GPS_RAW_INT"), ("ATTITUDE.x", "no signal ATTITUDE.x"),
                         ("../../etc.passwd", "no signal ../../etc.passwd")):  # fmt: skip
         assert words in problem(client.get(f"/api/flights/{flight}/signals", params={"names": name}), 404)
+
+
+def test_only_so_many_recordings_are_fetched_at_a_time(bench: Bench, client: httpx.Client) -> None:
+    path = f"/api/flights/{bench.record(5, 4, START)}/recording"
+    places = bench.app.state.service.fetching = Places(2, 2, "recordings are fetched")
+    with places.held("somebody"), places.held("somebody"):
+        assert "2 recordings are fetched already" in problem(client.get(path), 503)
+    for _ in range(3):  # each gives its place back
+        assert client.get(path).status_code == 200

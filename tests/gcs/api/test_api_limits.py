@@ -252,6 +252,26 @@ def test_beyond_the_limit_those_end_too_that_do_not_read(bench: Bench) -> None:
         assert wait_until(small_one)
 
 
+def test_a_rush_of_requests_leaves_none_of_them_out() -> None:
+    app = FastAPI()
+
+    @app.get("/busy")
+    async def busy() -> None:
+        time.sleep(0.5)  # the rush comes meanwhile, and is accepted before any of it is read
+
+    @app.get("/small")
+    async def small() -> str:
+        return "small"
+
+    request = b"GET /small HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n"
+    with serving(app, limited(most=40)) as client, ExitStack() as held:
+        held.enter_context(connect(client)).sendall(request.replace(b"small", b"busy"))
+        rush = [held.enter_context(connect(client)) for _ in range(110)]
+        for one in rush:
+            one.sendall(request)
+        assert [one.recv(100)[:15] for one in rush] == [b"HTTP/1.1 200 OK"] * 110
+
+
 def test_only_so_many_follow_the_flight_and_a_place_that_is_left_is_free(bench: Bench, client: httpx.Client) -> None:
     bench.app.state.service.following = Places(2, 2, "streams are followed")
     with ExitStack() as held:

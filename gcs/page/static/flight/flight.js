@@ -64,7 +64,7 @@ export async function flight(page, [id, tab = ''], query, signal) {
     await signals(page, summary, query, signal, async (/** @type {Job} */ job) => (await list)(job))
     page.append(work)
     await list
-    if (summary.state !== 'recording') page.append(sharing(path), deletion(path, name))
+    if (summary.state !== 'recording') page.append(sharing(path, summary.id), deletion(path, name))
   }
 }
 

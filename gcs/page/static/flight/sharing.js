@@ -1,6 +1,6 @@
 // What a shared link shows, and how one is made: one flight, its report and its recording, for some days.
 
-import { get, getIfThere, post, sentence } from '../shared/api.js'
+import { get, getIfThere, post, remove, sentence } from '../shared/api.js'
 import { field, h, remark } from '../shared/dom.js'
 import { duration, utc } from '../shared/format.js'
 import { flightTitle } from './flightchoice.js'
@@ -26,25 +26,53 @@ export async function shared(page, [token = ''], query, signal) {
     ...(found ? [] : [h('p', {}, 'No model has been identified from this flight yet.')]))
 }
 
-/** What makes a link to a flight. path: of the flight in the interface. @param {string} path */
-export function sharing(path) {
+/**
+ * What makes a link to a flight, and ends those that there are. path: of the flight in the interface.
+ * @param {string} path
+ * @param {string} flight
+ */
+export function sharing(path, flight) {
   const days = h('input', { type: 'number', min: 1, max: 366, value: 30, required: true })
   const says = h('div', { role: 'status' })
-  return h('details', { class: 'panel' }, h('summary', {}, 'Share this flight'),
+  const links = h('ul', {})
+  const trouble = (/** @type {unknown} */ error) => says.replaceChildren(remark('bad', sentence(error)))
+  const list = async () => {
+    const known = /** @type {ShareEntry[]} */ (await get('/api/shares')).filter(one => one.flight === flight)
+    links.replaceChildren(...known.map(one => {
+      const end = async () => {
+        try {
+          await remove(`/api/shares/${one.id}`)
+          says.replaceChildren()
+          await list()
+        } catch (error) {
+          trouble(error)
+        }
+      }
+      const label = `End the link by ${one.maker}, until ${day(one)}`
+      return h('li', {}, h('span', {}, `Link by ${one.maker}, until ${day(one)}`), ' ',
+        h('button', { type: 'button', 'aria-label': label, click: end }, 'End'))
+    }))
+  }
+  return h('details', { class: 'panel', toggle: async event => {
+    if (event.target.open) await list().catch(trouble)
+  } }, h('summary', {}, 'Share this flight'),
     h('form', { submit: async event => {
       event.preventDefault()
       try {
         const made = await post(`${path}/share`, { days: Number(days.value) })
         const address = h('input', { type: 'text', readonly: true, value: new URL(made.path, location.href).href })
-        says.replaceChildren(field('Link', address,
-          `Whoever has it sees this flight alone, until ${utc(new Date(1000 * made.expires).toISOString())}.`),
+        says.replaceChildren(field('Link', address, `Whoever has it sees this flight alone, until ${day(made)}.`),
           ...(['localhost', '127.0.0.1', '[::1]'].includes(location.hostname)
             ? [remark('note',
               'This link works on this device alone. Open this page by the address of the station in the network, and '
                 + 'make it there.')] : []))
         address.select()
+        await list()
       } catch (error) {
-        says.replaceChildren(remark('bad', sentence(error)))
+        trouble(error)
       }
-    } }, field('Days', days, 'After these it shows nothing any more'), h('button', {}, 'Make a link')), says)
+    } }, field('Days', days, 'After these it shows nothing any more'), h('button', {}, 'Make a link')), says, links)
 }
+
+/** Until when a link holds. @param {{ expires: number }} link */
+const day = link => utc(new Date(1000 * link.expires).toISOString())
