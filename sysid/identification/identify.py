@@ -27,10 +27,10 @@ from sysid.identification.result_model import (
     equation_model,
     mean_motion,
     refuse_unexcited,
+    reported,
     unique_refusals,
     validity_of,
     with_sources,
-    withheld,
 )
 from sysid.numerics.threads import single_threaded
 from sysid.problem.coefficient_residuals import moment_noise
@@ -48,7 +48,6 @@ from sysid.signals.record import SURFACES, has_positions
 from sysid.signals.sensor_errors import SENSOR_ERRORS
 from sysid.uncertainty.bench_errors import bench_errors, is_of_surfaces
 from sysid.uncertainty.reconstruction_errors import held_errors
-from sysid.uncertainty.total import with_total_errors
 from sysid.uncertainty.travel import travel_shares
 from sysid.validation.held_out import comparison, validation_of
 from sysid.validation.residual_series import ModelComparison
@@ -244,8 +243,8 @@ def _identify_by_classical_method(
     posed = _pose(asked, prepared, compatible)
     found = _by_equations(posed) if method == "ee" else _by_likelihood(posed, _likeliest(posed, method))
     worth = flights_quality([one.signals for one in read.fitted], prepared, vehicle, compatible.gust_sigma, False)
-    model, refused = withheld(found.model, found.refused, worth, asked.prior)
-    found = replace(found, model=with_total_errors(model, is_of_surfaces), refused=refused)
+    model, refused, worth = reported(found.model, found.refused, worth, is_of_surfaces, asked.prior)
+    found = replace(found, model=model, refused=refused)
     mistakes = read.mistakes()
     sentences = [one.sentence for one in mistakes]
     progress(0.88, "validation" if asked.validate_on else "comparison with the measurement")
@@ -277,8 +276,8 @@ def _by_posterior(asked: Request, read: FlightsRead, known: CompatibilityResult 
     vehicle, progress = asked.vehicle, asked.progress
     found = identify_by_posterior(read.fitted, asked, known)
     worth = flights_quality(found.signals, found.prepared, vehicle, found.compatible.gust_sigma, True)
-    model, refused = withheld(found.model, found.refused, worth, asked.prior)
-    found = replace(found, model=with_total_errors(model, is_stated), refused=tuple(refused))
+    model, refused, worth = reported(found.model, found.refused, worth, is_stated, asked.prior)
+    found = replace(found, model=model, refused=tuple(refused))
     # Kinematics determine zeros and gains in air without gusts alone, with sensors as the textbooks have them; the
     # estimate has its own.
     scale = found.estimate.airspeed_scale()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,10 +19,11 @@ from sysid.identification.equation_error import EquationEstimate
 from sysid.identification.linear_model import LinearModel, linearise
 from sysid.problem.estimation_problem import coefficient_entries, flying
 from sysid.problem.model_structure import helpful_manoeuvre, is_longitudinal
+from sysid.quality.estimate_rules import with_no_aircraft
 from sysid.quality.flight_quality import Quality
 from sysid.signals.preparation import Prepared
 from sysid.uncertainty.systematic import LATE
-from sysid.uncertainty.total import error_parts
+from sysid.uncertainty.total import error_parts, with_total_errors
 
 
 def unique_refusals(refused: Sequence[Refusal], estimated: Mapping[str, object]) -> tuple[Refusal, ...]:
@@ -30,14 +31,25 @@ def unique_refusals(refused: Sequence[Refusal], estimated: Mapping[str, object])
     return tuple({entry.name: entry for entry in reversed(refused) if entry.name not in estimated}.values())[::-1]
 
 
-def withheld(
+def reported(
+    model: Model, refused: Sequence[Refusal], flown: Quality, held: Callable[[str], bool], prior: Model | None
+) -> tuple[Model, list[Refusal], Quality]:
+    """Model, refusals and verdict of the flights as every method's result has them: whole errors, and no numbers of
+    axes that the recording makes too poor, or of which one is that of no aircraft.
+
+    flown: what the flights are worth, before what was estimated. held: see `with_total_errors`. prior: what was known
+    before flies on.
+    """
+    model, refused = _withheld(model, refused, flown, prior)
+    model = with_total_errors(model, held)
+    flown = with_no_aircraft(flown, model)
+    return *_withheld(model, refused, flown, prior), flown
+
+
+def _withheld(
     model: Model, refused: Sequence[Refusal], flown: Quality, prior: Model | None
 ) -> tuple[Model, list[Refusal]]:
-    """Model and refusals without the numbers that no bar makes true, as the flights are too poor for their axes.
-
-    Every method's result passes here: the fault is the recording's, whatever was made of it. flown: what the flights
-    are worth, before what was estimated. prior: what was known before flies on.
-    """
+    """Model and refusals without the numbers that no bar makes true."""
     found = {name: flown.refusal(parse_term(name).axis) for name in model.coefficients}
     reasons = {name: why for name, why in found.items() if why}
     before = {} if prior is None else prior.coefficients

@@ -98,21 +98,29 @@ def _loose(seen: SeenEstimate) -> Iterator[Reason]:
             yield Reason(CARE, text, "measure it and write it to [controls]", (axis,))
 
 
-def _no_aircraft(seen: SeenEstimate) -> Iterator[Reason]:
+def with_no_aircraft(flown: Quality, model: Model) -> Quality:
+    """The verdict of the flight alone, and what of its estimates no aircraft has: of such axes nothing is reported, for
+    what made one of their derivatives impossible is in all of them, and in none of their bars.
+    """
+    return replace(flown, reasons=once([*flown.reasons, *_no_aircraft(model)]))
+
+
+def _no_aircraft(model: Model) -> Iterator[Reason]:
     for axis in AXES:
-        for name, entry in seen.main(axis).items():
-            if entry.value is None or not entry.std:
+        for name in _MAIN[axis]:
+            entry = model.coefficients.get(name)
+            if entry is None or entry.value is None or not entry.std:
                 continue
             away = LIMITS.signs * entry.std
             if name in _NEGATIVE and entry.value > away:
                 text, advice = f"{name} is above zero, which no damping is", "look for a sign or a unit that is wrong"
-                yield Reason(POOR, text, advice, (axis,))
+                yield Reason(POOR, text, advice, (axis,), no_numbers=True)
             if name == "CD_0" and entry.value < -away:
-                yield Reason(POOR, "CD_0 is below zero", "look at thrust and its unit", (axis,))
+                yield Reason(POOR, "CD_0 is below zero", "look at thrust and its unit", (axis,), no_numbers=True)
             low, high = LIMITS.lift_slope
             if name == "CL_alpha" and not low - away < entry.value < high + away:
                 text = f"CL_alpha of {entry.value:.2g} is that of no wing ({low:g} to {high:g})"
-                yield Reason(POOR, text, _OTHER_AIRCRAFT, LONGITUDINAL)
+                yield Reason(POOR, text, _OTHER_AIRCRAFT, LONGITUDINAL, no_numbers=True)
 
 
 def _structure(seen: SeenEstimate) -> Iterator[Reason]:
@@ -141,5 +149,5 @@ def _validated(seen: SeenEstimate) -> Iterator[Reason]:
 
 
 RULES: tuple[Callable[[SeenEstimate], Iterator[Reason]], ...] = (
-    _no_aircraft, _refused, _loose, _structure, _validated,
+    _refused, _loose, _structure, _validated,
 )  # fmt: skip

@@ -12,7 +12,7 @@ from sim_vehicle.model.aerodynamic_terms import AXES
 from sim_vehicle.model.model_file import Coefficient, Model
 from sim_vehicle.vehicle.vehicle_file import Vehicle, load_vehicle
 from sysid.identify import identify
-from sysid.quality.estimate_rules import SeenEstimate, with_estimate
+from sysid.quality.estimate_rules import SeenEstimate, with_estimate, with_no_aircraft
 from sysid.quality.flight_quality import CARE, LATERAL, LONGITUDINAL, POOR, Quality, Reason, once
 from sysid.quality.flight_rules import SeenFlight, quality_of
 from sysid.signals.flight import FlightSignals, Signal
@@ -152,7 +152,7 @@ def model(**values: tuple[float, float] | None) -> Model:
 
 
 def with_model(found: Model, **more: object) -> Quality:
-    before = Quality((), AXES)
+    before = with_no_aircraft(Quality((), AXES), found)
     given: dict[str, object] = {"feedback": {}, "misfit": "", "left_over": "", "mistakes": (), "validation": None}
     return with_estimate(before, SeenEstimate(model=found, refused=(), **{**given, **more}))  # type: ignore[arg-type]
 
@@ -164,6 +164,8 @@ def test_a_lift_slope_of_no_wing_and_a_damping_that_drives_are_too_poor() -> Non
     assert "another aircraft" in lift.reasons[0].advice
     roll = with_model(model(Cl_p=(0.4, 0.02), Cl_beta=(-0.1, 0.01), Cl_da=(-0.2, 0.01), CY_beta=(-0.5, 0.01)))
     assert (roll.of_axis("Cl"), roll.of_axis("CY"), roll.verdict) == (POOR, "good", CARE)
+    assert all("no wing" in lift.refusal(axis) for axis in ("CL", "CD", "Cm"))
+    assert (roll.refusal("Cl") != "", roll.refusal("CY")) == (True, "")
     unsure = with_model(model(Cl_p=(0.01, 0.02), Cl_beta=(-0.1, 0.01), Cl_da=(-0.2, 0.01)))
     assert unsure.of_axis("Cl") != POOR
 

@@ -1,6 +1,6 @@
 // What a shared link shows, and how one is made: one flight, its report and its recording, for some days.
 
-import { get, getIfThere, post, remove, sentence } from '../shared/api.js'
+import { get, getIfThere, post, remove, sentence, statusOf } from '../shared/api.js'
 import { field, h, remark } from '../shared/dom.js'
 import { duration, utc } from '../shared/format.js'
 import { flightTitle } from './flightchoice.js'
@@ -14,7 +14,15 @@ import { download, opened } from '../shared/links.js'
  * @param {AbortSignal} signal
  */
 export async function shared(page, [token = ''], query, signal) {
-  const { flight } = await post('/api/login', { token })
+  const known = await post('/api/login', { token }).catch(error => {
+    if (statusOf(error) !== 401) throw error
+  })
+  if (!known) {
+    page.append(h('h1', {}, 'This link shows nothing any more'),
+      h('p', {}, 'It has ended, or a part of it is missing. Ask whoever sent it for another.'))
+    return
+  }
+  const { flight } = known
   const path = `/api/flights/${encodeURIComponent(flight)}`
   /** @type {FlightSummary} */
   const summary = await get(path, signal)
