@@ -158,14 +158,12 @@ class BoundedProtocol(H11Protocol):
             return
         self._count_anew()
         cycle = self.cycle if self.conn.their_state is h11.SEND_BODY else None
-        whole = cycle is not None and self.conn.our_state is not h11.DONE and not self._in_chunks
-        slice_ = min(max(self._held, _FIRST_SLICE), _SLICE) if self._in_chunks else _SLICE
-        size = max(self._declared - self._held, slice_) if whole else slice_
-        taken = bytes(self._rest[:size])
-        del self._rest[:size]
+        taken = bytes(self._rest[: self._next_size(cycle)])
+        del self._rest[: len(taken)]
         before = 0 if cycle is None else len(cycle.body)
         super().data_received(taken)
-        if cycle is not None and cycle is self.cycle:
+        # Behind the end of a body the next request may stand.
+        if cycle is not None and cycle is self.cycle and cycle.more_body:
             held = len(cycle.body) - before
             self._held += held
             self._framing += len(taken) - held
@@ -179,6 +177,15 @@ class BoundedProtocol(H11Protocol):
         if not self.flow.read_paused:
             self._go_on()
         self._wait_for_client()
+
+    def _next_size(self, cycle: RequestResponseCycle | None) -> int:
+        """How many bytes are read now: of a body as many as it may be worth, else no more than one head."""
+        if cycle is None:
+            end = self._rest.find(b"\r\n\r\n", 0, _SLICE)
+            return _SLICE if end < 0 else end + 4
+        if self._in_chunks:
+            return min(max(self._held, _FIRST_SLICE), _SLICE)
+        return _SLICE if self.conn.our_state is h11.DONE else max(self._declared - self._held, _SLICE)
 
     def _count_anew(self) -> None:
         """Where another request has begun."""

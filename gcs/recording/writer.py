@@ -33,8 +33,9 @@ _log = logging.getLogger(__name__)
 
 _LARGEST_CHUNK_SECONDS = 4.0  # run times are 32-bit nanoseconds
 # Components, and messages of theirs, that a recording keeps apart: a network of vehicles has some hundreds, and of more
-# the summary of a file is read for minutes. Frames of further ones are kept as bytes, as those of unknown id are.
-_MOST_COMPONENTS, _MOST_CHANNELS = 1024, 16_384
+# the summary of a file is read for minutes. Frames of further ones are kept as bytes, as those of unknown id are; but
+# nothing that others send takes the messages of the first components.
+_MOST_COMPONENTS, _MOST_CHANNELS, _FIRST_COMPONENTS = 1024, 8192, 64
 # Chunks after which all channels are described again; more where there are more channels, so that it stays cheap.
 _DESCRIBED_EVERY = 32
 
@@ -287,7 +288,8 @@ class McapWriter:
         at = int(frames.offset[i]) + (5 if frames.buffer[frames.offset[i]] == 0xFD else 3)
         system, component = int(frames.buffer[at]), int(frames.buffer[at + 1])
         number = int(link.component_of[system << 8 | component])
-        if number < 0 and self._components == _MOST_COMPONENTS:
+        full = len(self._channels) >= _MOST_CHANNELS
+        if number < 0 and self._components >= (_FIRST_COMPONENTS if full else _MOST_COMPONENTS):
             link.component_of[system << 8 | component] = kernel.KEPT_AS_BYTES
             self._say_that_it_is_full()
             return
@@ -298,7 +300,7 @@ class McapWriter:
             if number == self._channel_of.shape[0]:
                 self._channel_of = np.concatenate((self._channel_of, np.full_like(self._channel_of, -1)))
                 self._sequences = np.concatenate((self._sequences, sequence_states(number)))
-        if len(self._channels) >= _MOST_CHANNELS:
+        if full and number >= _FIRST_COMPONENTS:
             self._channel_of[number, int(frames.message[i])] = kernel.KEPT_AS_BYTES
             self._say_that_it_is_full()
             return

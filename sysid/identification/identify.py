@@ -144,6 +144,8 @@ def identify(
     if found.posterior is None and len(read.fitted) >= FEWEST:
         progress(0.95, "each flight by itself")
         found = replace(found, repeatability=_each_by_itself(asked, found, read))
+    known = {name for name, entry in found.model.coefficients.items() if entry.value is not None}
+    found = replace(found, repeatability={name: one for name, one in found.repeatability.items() if name in known})
     progress(1.0, "done")
     return found
 
@@ -155,7 +157,8 @@ def _each_by_itself(asked: Request, found: Identification, read: FlightsRead) ->
     each = {}
     for one in read.fitted:
         with suppress(SysidError, ArithmeticError, ValueError):
-            alone = _identify_by_classical_method(quiet, method, replace(read, fitted=[one], judges=(), left_out=()))
+            part = replace(read, fitted=[one], judges=(), left_out=())
+            alone = _identify_by_classical_method(quiet, method, part, any_aircraft=True)
             entries = alone.model.coefficients.items()
             each[one.signals.name] = {name: (e.value, e.std) for name, e in entries if e.value is not None and e.std}
     return scattered(each)
@@ -226,9 +229,16 @@ def _pulled(books: Identification) -> bool:
 
 
 def _identify_by_classical_method(
-    asked: Request, method: str, read: FlightsRead, known: CompatibilityResult | None = None
+    asked: Request,
+    method: str,
+    read: FlightsRead,
+    known: CompatibilityResult | None = None,
+    any_aircraft: bool = False,
 ) -> Identification:
-    """`identify` with equation error, output error or filter error. known: the flights' data compatibility."""
+    """`identify` with equation error, output error or filter error. known: the flights' data compatibility.
+
+    any_aircraft: see `reported`.
+    """
     read.require_airspeed()
     given = read
     read, prepared = given.as_measured(asked.vehicle, asked.start_s, asked.stop_s)
@@ -243,7 +253,7 @@ def _identify_by_classical_method(
     posed = _pose(asked, prepared, compatible)
     found = _by_equations(posed) if method == "ee" else _by_likelihood(posed, _likeliest(posed, method))
     worth = flights_quality([one.signals for one in read.fitted], prepared, vehicle, compatible.gust_sigma, False)
-    model, refused, worth = reported(found.model, found.refused, worth, is_of_surfaces, asked.prior)
+    model, refused, worth = reported(found.model, found.refused, worth, is_of_surfaces, asked.prior, any_aircraft)
     found = replace(found, model=model, refused=refused)
     mistakes = read.mistakes()
     sentences = [one.sentence for one in mistakes]

@@ -32,17 +32,23 @@ def unique_refusals(refused: Sequence[Refusal], estimated: Mapping[str, object])
 
 
 def reported(
-    model: Model, refused: Sequence[Refusal], flown: Quality, held: Callable[[str], bool], prior: Model | None
+    model: Model,
+    refused: Sequence[Refusal],
+    flown: Quality,
+    held: Callable[[str], bool],
+    prior: Model | None,
+    any_aircraft: bool = False,
 ) -> tuple[Model, list[Refusal], Quality]:
     """Model, refusals and verdict of the flights as every method's result has them: whole errors, and no numbers of
     axes that the recording makes too poor, or of which one is that of no aircraft.
 
     flown: what the flights are worth, before what was estimated. held: see `with_total_errors`. prior: what was known
-    before flies on.
+    before flies on. any_aircraft: whether also what no aircraft has is reported, as one of several flights to compare.
     """
     model, refused = _withheld(model, refused, flown, prior)
     model = with_total_errors(model, held)
-    flown = with_no_aircraft(flown, model)
+    if not any_aircraft:
+        flown = with_no_aircraft(flown, model)
     return *_withheld(model, refused, flown, prior), flown
 
 

@@ -341,8 +341,8 @@ def _likelier_flow(begin: Callable[..., _GroupSearch], near: Mapping[str, float]
 
     What looks like a loop may be a search that ended beside the optimum, whose residuals go with the commands: it is
     begun again from where the vane's flow leads. A vane's noise that drives the simulation weakens whatever goes with
-    the flow, by its share of the flow's power: where that is much, the loop is the lesser evil, and the flow leads to a
-    start alone.
+    the flow, by its share of the flow's power: where that is much of an angle of attack, whose gusts lift shows too,
+    the loop is the lesser evil, and the flow leads to a start alone.
     """
     begun = begin(near).optimise()
     if begun.feedback() > 0.0:

@@ -123,16 +123,20 @@ def run(name: str, seconds: float) -> Outcome:
 
 def _watch(target: Target, outcome: Outcome) -> None:
     """Ask for health and look at memory until the attack is over."""
-    took = []
+    took, unanswered = [], 0
+    outcome.health_s = 30.0  # until it is known
     while not target.stopping.wait(0.25):
         asked = time.monotonic()
         status = status_of(target.url, "/api/health", 30.0)
-        took.append(time.monotonic() - asked if status == 200 else 30.0)
+        took.append(time.monotonic() - asked)
+        unanswered += status != 200
         for process, command, resident in _family(target.process):
             if process == target.process:
                 outcome.service_mb = max(outcome.service_mb, resident)
             elif "gcs.jobs" in command:
                 outcome.worker_mb = max(outcome.worker_mb, resident)
+    if unanswered:
+        target.wrong.append(f"{unanswered} of {len(took)} times no health")
     share = 0.95 if outcome.attack in ATTACKS_AT_ONCE else 1.0
     outcome.health_s = sorted(took)[math.ceil(share * len(took)) - 1] if took else 30.0
 

@@ -11,12 +11,13 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
+from types import SimpleNamespace
 
 import h11
 import httpx
 import pytest
 from api_bench import START, Bench, problem
-from fastapi import FastAPI
+from fastapi import FastAPI, Request
 from fastapi.responses import StreamingResponse
 from mcap.writer import Writer
 from patience import PATIENCE_S
@@ -25,7 +26,7 @@ from traffic import wait_until
 
 from gcs.access.token_file import TokenFile
 from gcs.api.bodies import BodyLimit
-from gcs.api.connections import limited
+from gcs.api.connections import _silent, limited
 from gcs.jobs.places import Places
 from gcs.jobs.uploads import Uploads
 from gcs.recording.storage import StorageOptions
@@ -257,7 +258,7 @@ def test_a_rush_of_requests_leaves_none_of_them_out() -> None:
 
     @app.get("/busy")
     async def busy() -> None:
-        time.sleep(0.5)  # the rush comes meanwhile, and is accepted before any of it is read
+        time.sleep(0.5)  # the rush comes meanwhile, and waits to be accepted
 
     @app.get("/small")
     async def small() -> str:
@@ -270,6 +271,39 @@ def test_a_rush_of_requests_leaves_none_of_them_out() -> None:
         for one in rush:
             one.sendall(request)
         assert [one.recv(100)[:15] for one in rush] == [b"HTTP/1.1 200 OK"] * 110
+
+
+def test_who_has_sent_what_is_not_read_yet_is_not_silent() -> None:
+    with ExitStack() as held:
+
+        def connection(sent: bytes, left: bytes = b"", waits: bool = True) -> SimpleNamespace:
+            ours, theirs = (held.enter_context(one) for one in socket.socketpair())
+            theirs.sendall(sent)
+            transport = SimpleNamespace(get_extra_info=lambda name: ours)
+            return SimpleNamespace(transport=transport, _rest=left, waits_for_client=waits)
+
+        quiet = connection(b"")
+        others = [connection(b"GET"), connection(b"", b"GET"), connection(b"", waits=False)]
+        assert _silent([quiet, *others]) == [quiet]  # type: ignore[list-item]
+
+
+def test_a_request_behind_a_body_in_chunks_is_answered() -> None:
+    app = FastAPI()
+
+    @app.post("/body")
+    async def body(request: Request) -> int:
+        return len(await request.body())
+
+    post = b"POST /body HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\n"
+    behind = b"POST /body HTTP/1.1\r\nHost: localhost\r\nCookie: " + 900 * b"c" + b"\r\nContent-Length: 0\r\n"
+    with serving(app) as client, connect(client) as connection:
+        chunked = 2 * (b"800\r\n" + 2048 * b"x" + b"\r\n") + b"0\r\n\r\n"
+        connection.sendall(post + chunked + behind + b"\r\n" + behind + b"Connection: close\r\n\r\n")
+        answers = b""
+        while piece := connection.recv(10_000):
+            answers += piece
+        assert answers.count(b"HTTP/1.1 200 OK") == 3
+        assert b"4096" in answers
 
 
 def test_only_so_many_follow_the_flight_and_a_place_that_is_left_is_free(bench: Bench, client: httpx.Client) -> None:

@@ -37,25 +37,30 @@ def test_what_further_senders_send_is_kept_as_bytes(tmp_path: Path, caplog: pyte
     assert writer.counts.unknown_frames == sum(one not in apart for one in order)
     assert b"".join(part for _, part in wire_streams(recording)["udp"]) == b"".join(frames_of)
     assert [record.getMessage() for record in caplog.records] == [
-        "a.mcap: more than 1024 components or 16384 messages of theirs; what further ones send is kept as bytes"
+        "a.mcap: more than 1024 components or 8192 messages of theirs; what further ones send is kept as bytes"
     ]
 
 
-def test_messages_beyond_those_that_are_told_apart_are_kept_as_bytes(
+def test_no_number_of_messages_of_others_takes_those_of_the_first(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("gcs.recording.writer._MOST_CHANNELS", 3)  # that of the link, and two of messages
-    voice = mavlink.MAVLink(None, 1, 1)
-    sent = [
-        mavlink.MAVLink_heartbeat_message(1, 3, 0, 0, 4, 3),
-        mavlink.MAVLink_ping_message(1, 7, 0, 0),
-        mavlink.MAVLink_system_time_message(5, 6),
-    ]
-    frames = [message.pack(voice) for _ in range(3) for message in sent]
+    monkeypatch.setattr("gcs.recording.writer._MOST_CHANNELS", 100)
+    monkeypatch.setattr("gcs.recording.writer._FIRST_COMPONENTS", 2)
+    first, second, crowd = (
+        [mavlink.MAVLink(None, *one) for one in some]
+        for some in ([(1, 1)], [(2, 1)], [(9, number) for number in range(1, 100)])
+    )
+    early = mavlink.MAVLink_heartbeat_message(1, 3, 0, 0, 4, 3)
+    late = mavlink.MAVLink_system_time_message(5, 6)
+    ping = mavlink.MAVLink_ping_message(1, 7, 0, 0)
+    frames = [early.pack(voice) for voice in (*first, *second)]
+    frames += [message.pack(voice) for voice in crowd for message in (early, ping)]
+    frames += [late.pack(voice) for voice in (*first, *second, *crowd)]
     with McapWriter(tmp_path / "a.mcap", DIALECT) as writer:
         writer.write("udp", *Framer(DIALECT).feed(b"".join(frames)), START)
     recording = Recording(tmp_path / "a.mcap")
-    assert len(recording.columns("PING")[0].fields) == 3
-    assert not recording.columns("SYSTEM_TIME")
-    assert writer.counts.unknown_frames == 3
+    assert {(one.system, one.component) for one in recording.columns("SYSTEM_TIME")} == {(1, 1), (2, 1)}
+    # That of the link, two HEARTBEATs, 97 messages of 49 of the crowd; then all is full.
+    assert len(recording.columns("HEARTBEAT", system=9)) == 49
+    assert len(recording.columns("PING", system=9)) == 48
     assert b"".join(part for _, part in wire_streams(recording)["udp"]) == b"".join(frames)

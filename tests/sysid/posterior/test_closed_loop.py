@@ -233,7 +233,6 @@ def test_without_a_vane_nothing_is_said_of_what_an_autopilot_mixes_with_gusts(ra
     plan, gusts = "elevator-pulse,aileron-doublet", ("turbulence:sigma=0.7",)
     flight, _ = fly_mav(plan, 511, effects=gusts, duration=30.0)
     found = identify([without_vanes(flight, rate_hz)], vehicle, systematic=False).model.coefficients
-    known = {name: one for name, one in found.items() if one.value is not None and one.std is not None}
     assert "without a vane of the sideslip" in found["Cn_dr"].refused
     assert not [name for name, one in found.items() if one.value is not None and name[:2] in ("CY", "Cl", "Cn")]
     for name in ("CL_alpha", "Cm_alpha"):

@@ -15,7 +15,7 @@ import { download, opened } from '../shared/links.js'
  */
 export async function shared(page, [token = ''], query, signal) {
   const known = await post('/api/login', { token }).catch(error => {
-    if (statusOf(error) !== 401) throw error
+    if (![401, 422].includes(statusOf(error) ?? 0)) throw error
   })
   if (!known) {
     page.append(h('h1', {}, 'This link shows nothing any more'),
@@ -42,17 +42,22 @@ export async function shared(page, [token = ''], query, signal) {
 export function sharing(path, flight) {
   const days = h('input', { type: 'number', min: 1, max: 366, value: 30, required: true })
   const says = h('div', { role: 'status' })
+  let shown = ''
   const links = h('ul', {})
-  const trouble = (/** @type {unknown} */ error) => says.replaceChildren(remark('bad', sentence(error)))
+  const failed = h('div', { role: 'status' })
+  const trouble = (/** @type {unknown} */ error) => failed.replaceChildren(remark('bad', sentence(error)))
   const list = async () => {
+    failed.replaceChildren()
     const known = /** @type {ShareEntry[]} */ (await get('/api/shares')).filter(one => one.flight === flight)
     links.replaceChildren(...known.map(one => {
-      const end = async () => {
+      const end = async (/** @type {any} */ event) => {
+        event.target.disabled = true
         try {
           await remove(`/api/shares/${one.id}`)
-          says.replaceChildren()
+          if (one.id === shown) says.replaceChildren()
           await list()
         } catch (error) {
+          event.target.disabled = false
           trouble(error)
         }
       }
@@ -68,6 +73,7 @@ export function sharing(path, flight) {
       event.preventDefault()
       try {
         const made = await post(`${path}/share`, { days: Number(days.value) })
+        shown = made.id
         const address = h('input', { type: 'text', readonly: true, value: new URL(made.path, location.href).href })
         says.replaceChildren(field('Link', address, `Whoever has it sees this flight alone, until ${day(made)}.`),
           ...(['localhost', '127.0.0.1', '[::1]'].includes(location.hostname)
@@ -79,7 +85,8 @@ export function sharing(path, flight) {
       } catch (error) {
         trouble(error)
       }
-    } }, field('Days', days, 'After these it shows nothing any more'), h('button', {}, 'Make a link')), says, links)
+    } }, field('Days', days, 'After these it shows nothing any more'), h('button', {}, 'Make a link')),
+    says, failed, links)
 }
 
 /** Until when a link holds. @param {{ expires: number }} link */
