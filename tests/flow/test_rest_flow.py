@@ -87,7 +87,11 @@ def flown(station: Station) -> dict[str, Any]:
     summary = station.newest()
     assert f", {summary['messages']} messages" in done.stderr
     assert summary["lost"] == 0
-    (job,) = summary["jobs"]
+
+    def queued() -> list[dict[str, Any]]:  # a moment after the flight is listed as complete
+        return list(station.get(f"/api/flights/{summary['id']}")["jobs"])
+
+    (job,) = summary["jobs"] = wait_until(queued)
     assert station.ended(job["id"])["state"] == "done"
     return summary
 
