@@ -29,6 +29,34 @@ _LAW_DELAYS_S, _AHEAD_S = (0.0, 0.02, 0.04, 0.07, 0.10), (0.04, 0.07, 0.10)
 _AS_LITTLE = 1.1
 
 
+def law_share(command: Callable[[Array], Array], time_s: Array, motion: Sequence[Array]) -> float:
+    """Share of the time that a command moves in which it is nothing but gains times some measured motion.
+
+    An autopilot lets go of a surface for a test input and takes it back: as a whole such a command is no law.
+
+    Parameters
+    ----------
+    command : callable
+        Values of the command, rad, at any times, s.
+    time_s : Array, shape (N,)
+        Times of the motion, s.
+    motion : Sequence[Array], each of shape (N,)
+        What it may be made of, rad and rad/s.
+
+    Returns
+    -------
+    float
+        0 for a command that rests.
+    """
+    size = round(_WINDOW_S / float(np.median(np.diff(time_s))))
+    found = []
+    for begin in range(0, time_s.size - size + 1, max(size, 1)):
+        here = slice(begin, begin + size)
+        if np.var(command(time_s[here])) > _AT_REST:
+            found.append(is_feedback_law(command, time_s[here], [one[here] for one in motion], _FEWEST_IN_WINDOW))
+    return float(np.mean(found)) if found else 0.0
+
+
 def is_feedback_law(
     command: Callable[[Array], Array], time_s: Array, motion: Sequence[Array], fewest: int = _FEWEST
 ) -> bool:
@@ -64,24 +92,3 @@ def is_feedback_law(
 
     least = min(left(delay) for delay in _LAW_DELAYS_S)
     return least < 1.0 - _LAW_SHARE and least <= _AS_LITTLE * min(left(-ahead) for ahead in _AHEAD_S)
-
-
-def law_share(command: Callable[[Array], Array], time_s: Array, motion: Sequence[Array]) -> float:
-    """Share of the time that a command moves in which it is nothing but gains times some measured motion.
-
-    An autopilot lets go of a surface for a test input and takes it back: as a whole such a command is no law.
-
-    command, time_s, motion: as `is_feedback_law` has them.
-
-    Returns
-    -------
-    float
-        0 for a command that rests.
-    """
-    size = round(_WINDOW_S / float(np.median(np.diff(time_s))))
-    found = []
-    for begin in range(0, time_s.size - size + 1, max(size, 1)):
-        here = slice(begin, begin + size)
-        if np.var(command(time_s[here])) > _AT_REST:
-            found.append(is_feedback_law(command, time_s[here], [one[here] for one in motion], _FEWEST_IN_WINDOW))
-    return float(np.mean(found)) if found else 0.0
