@@ -7,6 +7,7 @@ Whole files and files that were cut off read alike. What is damaged is left out,
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -234,22 +235,28 @@ class Recording:
             for key, channels in members.items():
                 counters[key].append(group.rows[group.rows_of(channels), 1])
         lost = {key: _gaps(np.concatenate(parts)) if parts else 0 for key, parts in counters.items()}
-        for link, system, component in self._unknown_frames() if any(lost.values()) else ():
-            key = (link, system, component)
-            if lost.get(key, 0) > 0:
-                lost[key] -= 1
+        for key, count in self._kept_as_bytes().items() if any(lost.values()) else ():
+            if key in lost:
+                lost[key] = max(lost[key] - count, 0)
         return lost
 
-    def _unknown_frames(self) -> Iterator[tuple[str, int, int]]:
-        """(link, system, component) of each frame whose id the dialect did not know."""
+    def _kept_as_bytes(self) -> Counter[tuple[str, int, int]]:
+        """By (link, system, component) how many frames stand among the bytes: of an id that the dialect did not know,
+        or beyond those that a recording keeps apart.
+        """
+        found: Counter[tuple[str, int, int]] = Counter()
         for group in self._file.groups():
             for row in group.rows_of(self._wire_channels).tolist():
                 record = self._wire_record(group, row)
-                ends = np.cumsum(record.run_length)
-                for i in np.flatnonzero(record.run_kind == RUN_UNKNOWN).tolist():
-                    frame = record.run_bytes[int(ends[i] - record.run_length[i]) : int(ends[i])]
-                    at = 5 if frame[0] == 0xFD else 3
-                    yield self._wire_channels[int(group.rows[row, 0])], int(frame[at]), int(frame[at + 1])
+                starts = (np.cumsum(record.run_length) - record.run_length)[record.run_kind == RUN_UNKNOWN]
+                at = starts + np.where(record.run_bytes[starts] == 0xFD, 5, 3)
+                senders = record.run_bytes[at].astype(np.int64) << 8 | record.run_bytes[at + 1]
+                link = self._wire_channels[int(group.rows[row, 0])]
+                for sender, count in zip(
+                    *(one.tolist() for one in np.unique(senders, return_counts=True)), strict=True
+                ):
+                    found[link, sender >> 8, sender & 0xFF] += count
+        return found
 
     def wire_pieces(self) -> Iterator[WirePieces]:
         """Each link's bytes chunk by chunk, cut into frames and what lay between them."""

@@ -44,7 +44,7 @@ Bytes = NDArray[np.uint8]
 
 @dataclass(frozen=True)
 class Counts:
-    """What has been written: MAVLink messages, stream bytes of all links, those in no frame, frames of unknown id."""
+    """What has been written: MAVLink messages, stream bytes of all links, those in no frame, frames kept as bytes."""
 
     messages: int
     bytes: int
