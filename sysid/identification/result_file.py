@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 from typing import Any
 
+from sim_vehicle.model.aerodynamic_terms import parse_term
 from sysid.compatibility.reconstruction import CompatibilityResult, SensorError
 from sysid.errors import SysidError
 from sysid.filter_error.estimator import FilterErrorResult
@@ -56,7 +57,7 @@ def result_json(found: Identification) -> dict[str, Any]:
         "model": found.model.to_json(),
         "dimensional": found.mean.derivatives,
         **_linear(found),
-        **({} if found.equation_error is None else {"regression": found.equation_error.report}),
+        **_regression(found),
         "quality": found.quality.to_json(),
         "repeatability": {name: one.to_json() for name, one in found.repeatability.items()},
         "validation": _validation(found.validation, found.validation_flights),
@@ -76,6 +77,14 @@ def _finally(found: Identification) -> CompatibilityResult:
     """The compatibility check with the sensor errors that the whole estimate ended with."""
     errors = {name: SensorError(*error) for name, error in found.sensor_errors.items()}
     return replace(found.compatibility, parameters=errors, refused=list(found.refused))
+
+
+def _regression(found: Identification) -> dict[str, Any]:
+    """How each axis was regressed, of those of which a coefficient is reported."""
+    if found.equation_error is None:
+        return {}
+    known = {parse_term(name).axis for name, one in found.model.coefficients.items() if one.value is not None}
+    return {"regression": {axis: one for axis, one in found.equation_error.report.items() if axis in known}}
 
 
 def _method(found: Identification) -> dict[str, Any]:

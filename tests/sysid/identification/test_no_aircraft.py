@@ -9,6 +9,7 @@ from simulated import fly_mav
 
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.identification.identify import identify
+from sysid.identification.result_file import result_json
 
 
 @pytest.mark.whole_flight
@@ -28,3 +29,5 @@ def test_of_a_flight_with_the_file_of_another_aircraft_no_lift_is_reported(metho
             assert found.quality.of_axis("Cm") == "poor"
             assert all(value.value is None for name, value in found.model.coefficients.items() if name[:2] == "Cm")
             assert found.model.correlation is None or not any(n[:2] == "CL" for n in found.model.correlation.names)
+            if method == "ee":
+                assert result_json(found)["regression"].keys() == {"CY", "Cl", "Cn"}
