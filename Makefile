@@ -61,7 +61,7 @@ $(VENV)/.interop: $(VENV)/.ready
 	touch $@
 
 interop: $(VENV)/.interop $(VENV)/.docs  ## browser, MAVProxy and readers that are not ours
-	@(command -v chromium && command -v firefox-esr) >/dev/null || (apt-get update -q && apt-get install -q -y --no-install-recommends chromium firefox-esr)
+	@(command -v chromium && command -v firefox-esr) >/dev/null || (apt-get update -q -o Acquire::Retries=5 && apt-get install -q -y --no-install-recommends chromium firefox-esr)
 	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder tests/interop
 
 page-pictures: $(VENV)/.interop  ## the pictures of docs/howto/page.md, made anew by the browser tests

@@ -10,6 +10,7 @@ from browser import SIZES, Visitor, chromium, firefox
 from ground import Ground
 from made_once import made_once
 from node_reader import NodeReader
+from older_firefox import commands_unknown_are_passed_over
 from playwright.sync_api import Browser, Playwright, sync_playwright
 from processes import free_port, start
 
@@ -53,7 +54,7 @@ def ground(data: Path) -> Iterator[Ground]:
 @pytest.fixture(scope="module")
 def playwright() -> Iterator[Playwright]:
     """What drives browsers; one at a time, and not for longer than a module: its event loop runs meanwhile."""
-    with sync_playwright() as started:
+    with commands_unknown_are_passed_over(), sync_playwright() as started:
         yield started
 
 

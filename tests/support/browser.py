@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from older_firefox import let_scripts_in
 from PIL import Image
 from playwright.sync_api import Browser, Page, Playwright
 from traffic import wait_until
@@ -61,6 +62,7 @@ class Visitor:
         self._chromium = browser.browser_type.name == "chromium"
         phone = {"has_touch": size == "phone", "is_mobile": size == "phone"} if self._chromium else {}
         self._context = browser.new_context(viewport={"width": width, "height": height}, **phone)
+        let_scripts_in(self._context, browser)
         self.page: Page = self._context.new_page()
         self.page.set_default_timeout(PATIENCE_MS)
         self.url = url
