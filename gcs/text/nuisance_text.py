@@ -15,7 +15,7 @@ _WORDS = {
     "airspeed_alpha": ("airspeed, position error", "1/rad", 1.0), "airspeed_lag": ("airspeed, lag", "ms", 1e3),
     "alpha_scale": ("alpha vane, scale", "1", 1.0), "beta_scale": ("beta vane, scale", "1", 1.0),
     "vane_clock": ("vane, stamps late by", "ms", 1e3),
-    "vane_log_frequency": ("vane, ln(frequency / Hz)", "1", 1.0),
+    "vane_period": ("vane, period of its swing", "ms", 1e3),
     "vane_log_damping": ("vane, ln(damping ratio)", "1", 1.0),
     "accelerometer_tilt": ("accelerometers, tilt in pitch", "deg", 180.0 / math.pi),
     "gyro_tilt": ("gyros, roll read as yaw", "%", 100.0),

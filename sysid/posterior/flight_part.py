@@ -275,8 +275,7 @@ def _smooth(read: tuple[Array, Array], grid: Array, half: float) -> Array:
 
 def _flow_read(read: tuple[Array, Array], grid: Array) -> Array:
     """A vane's reading as what it most likely stands for."""
-    half = max(_HALF_S["angles"], _HALF_SAMPLES * float(np.median(np.diff(read[0]))))
-    return expected(*read, grid, half)
+    return expected(*read, grid)
 
 
 def _inside(read: tuple[Array, Array], grid: Array) -> tuple[Array, Array]:
@@ -393,13 +392,10 @@ class VaneReading:
         part, grid = self.part, self.part.grid
         later = grid + values["vane_clock"]
         read = np.interp(later, grid, self.values)
-        frequency = math.exp(values["vane_log_frequency"])
-        if math.isfinite(frequency):
-            speed = part.airspeed.values
-            omega = 2.0 * np.pi * frequency * speed / float(np.median(speed))
-            damping = math.exp(values["vane_log_damping"])
-            read = read + 2.0 * damping / omega * np.interp(later, grid, self.rate)
-            read += np.interp(later, grid, self.curvature) / omega**2
+        speed = part.airspeed.values
+        time = values["vane_period"] / (2.0 * np.pi) * float(np.median(speed)) / speed
+        read = read + 2.0 * math.exp(values["vane_log_damping"]) * time * np.interp(later, grid, self.rate)
+        read += time**2 * np.interp(later, grid, self.curvature)
         read = read / values[f"{self.name}_scale"]
         return _at_centre(self.name, read, part.motion["alpha"], part.motion, part.airspeed.values, sensors)
 

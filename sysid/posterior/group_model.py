@@ -65,7 +65,7 @@ _OF_AIRSPEED = {
         (DENSITY_ERROR, "scale"),
     )
 }
-_OF_VANE = frozenset(("alpha_scale", "beta_scale", "vane_clock", "vane_log_frequency", "vane_log_damping"))
+_OF_VANE = frozenset(("alpha_scale", "beta_scale", "vane_clock", "vane_period", "vane_log_damping"))
 # All that records of the same part differ by.
 _CHANGES_INPUT = sorted({*_DRIVING, *_OF_VANE, *_OF_AIRSPEED})
 # So many of them are kept.
@@ -420,11 +420,10 @@ class GroupModel:
                 result[j] = one.fixed[name] @ column
                 continue
             column = column * values[f"{name}_scale"]
-            frequency = float(np.exp(values["vane_log_frequency"]))
-            if np.isfinite(frequency):
+            if values["vane_period"] != 0.0:
                 speed = one.part.airspeed.values
-                damping = float(np.exp(values["vane_log_damping"]))
-                swing(column, speed, one.record.interval_s, float(np.median(speed)), frequency, damping)
+                period = values["vane_period"] * float(np.median(speed)) / speed
+                swing(column, period, one.record.interval_s, float(np.exp(values["vane_log_damping"])))
             clock = values["vane_clock"]
             if clock == 0.0:
                 result[j] = one.fixed[name] @ column

@@ -272,23 +272,25 @@ def _play(u: Array, half: float) -> Array:
 
 
 @jit_arrays
-def swing(read: Array, airspeed: Array, dt: float, middle: float, frequency: float, damping: float) -> None:
-    """Pass (N, K) in place through a vane of second order, at rest at the start.
+def swing(read: Array, period: Array, dt: float, damping: float) -> None:
+    """Pass (N, K) in place through a vane of second order, at rest at the start, by the trapezoidal rule.
 
-    frequency: Hz at the airspeed `middle`, m/s; it grows with airspeed (Wieringa 1967).
+    period: (N,) of its undamped swing, s; it falls with airspeed (Wieringa 1967). With 0 the vane follows at once.
     """
     parts = max(1, round(dt / _SWING_STEP_S))
-    h = dt / parts
     columns = read.shape[1]
+    # The angle, its rate times the period over 2 pi, and what is read.
     x, v, before = read[0].copy(), np.zeros(columns), read[0].copy()
     for k in range(1, read.shape[0]):
-        omega = 2.0 * np.pi * frequency * airspeed[k] / middle
+        slow = period[k] / np.pi * parts / dt
+        back = slow * slow + 2.0 * damping * slow
         for i in range(parts):
-            share = (i + 0.5) / parts
+            share = (2.0 * i + 1.0) / parts
             for j in range(columns):
-                here = before[j] + (read[k, j] - before[j]) * share
-                v[j] += h * (omega * omega * (here - x[j]) - 2.0 * damping * omega * v[j])
-                x[j] += h * v[j]
+                both = 2.0 * before[j] + (read[k, j] - before[j]) * share
+                here = (both - x[j] + back * x[j] + 2.0 * slow * v[j]) / (1.0 + back)
+                v[j] = slow * (here - x[j]) - v[j]
+                x[j] = here
         for j in range(columns):
             before[j] = read[k, j]
             read[k, j] = x[j]

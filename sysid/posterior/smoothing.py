@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
+from scipy.interpolate import make_interp_spline
 from scipy.optimize import minimize_scalar
 
 from sim_vehicle.jit import jit, jit_arrays
 from sysid.arrays import Array
-from sysid.numerics.statistics import white_noise_std
 
 # Lags of a pitot and its tubes between which the likeliest is sought, s; to what it is sought, first with the gusts
 # that go with one of these, then with those that go with what was found; by what change the likelihood's bend is read.
@@ -23,9 +23,12 @@ _ROUGH_S, _FINE_S, _BEND_S = 0.01, 0.002, 0.01
 _LEAST_LAG_STD_S, _LEAST_IN_GUSTS_S, _GUSTY = 0.004, 0.015, 0.05
 # Longitudinal gusts: power of the change of airspeed that no accelerometer feels, m^2/s^3.
 _GUST_POWERS = (1e-4, 1e-2, 0.1, 0.4, 2.0)
-# Width of the bands in which noise is distinguished from a signal, Hz, samples below which it is not, and the
-# share of a signal's power below which noise makes no derivative too small by as much as anybody sees.
-_BAND_HZ, _FEWEST, _LEAST_SHARE = 0.2, 50, 1e-3
+# Width of the bands in which noise is distinguished from a signal, Hz and share of their frequency; samples below which
+# it is not.
+_BAND_HZ, _BAND_SHARE, _FEWEST = 0.2, 0.1, 20
+# Natural logarithms of what wanders over the noise, in power at the end of the band, between which the likeliest is
+# sought; how often white noise is summed to what wanders: in gusts once, behind a vane that swings up to three times.
+_LOG_RATIOS, _SUMMED = (math.log(1e-6), math.log(1e6)), (1, 2, 3)
 # How the accelerometers' bias wanders, m/s^2 per root s, and the largest noise of the reading, m/s.
 _BIAS_WALK, _LEAST_NOISE = 0.05, 0.01
 
@@ -65,27 +68,71 @@ def smoothed(time_s: Array, values: Array, grid: Array, half: float) -> Array:
     return out
 
 
-def expected(time_s: Array, values: Array, grid: Array, half: float) -> Array:
-    """(N,) what noisy samples stand for, on a grid: `smoothed`, then Wiener's filter for what noise that leaves.
+def expected(time_s: Array, values: Array, grid: Array) -> Array:
+    """(N,) what noisy samples stand for, on a grid: a cubic spline through them, then Wiener's filter for their noise.
 
     A regressor with noise in it makes every derivative by it too small; by its expected value they are not (Berkson,
-    J. Am. Stat. Assoc. 45, 1950). The noise is taken as white, as large as third differences say.
+    J. Am. Stat. Assoc. 45, 1950). Smoothed by more than that it lacks what moved the aircraft, and clocks and lags of
+    its sensor are found that make up for it. The noise is taken as white, as large as `noise_beside_walk` says.
     """
-    smooth = smoothed(time_s, values, grid, half)
     if values.size < _FEWEST:
-        return smooth
-    sigma = white_noise_std(values)
-    passed = smoothed(time_s, np.random.default_rng(0).standard_normal(values.size), grid, half)
-    middle, step = float(smooth.mean()), float(grid[1] - grid[0])
-    Z, of_noise = (_there_and_back(one) for one in (smooth - middle, sigma * passed))
+        return np.interp(grid, time_s, values)
+    sigma = noise_beside_walk(values)
+    joined = _through(time_s, values, grid)
+    passed = _through(time_s, np.random.default_rng(0).standard_normal(values.size), grid)
+    middle, step = float(joined.mean()), float(grid[1] - grid[0])
+    Z, of_noise = (_there_and_back(one) for one in (joined - middle, sigma * passed))
     # Of all of the series at once: windows would weigh what is at its ends less.
-    width = max(round(2.0 * _BAND_HZ * step * grid.size), 1)
-    power, noise = (uniform_filter1d(np.abs(one) ** 2, width, mode="nearest") for one in (Z, of_noise))
-    if noise.sum() < _LEAST_SHARE * power.sum():
-        return smooth
-    # Running sums leave what is nought a little below it.
+    power, noise = (_in_bands(np.abs(one) ** 2, 2.0 * step * grid.size) for one in (Z, of_noise))
     gain = np.clip(1.0 - noise / np.maximum(power, 1e-12 * power.max()), 0.0, 1.0)
     return np.asarray(middle + np.fft.irfft(Z * gain, 2 * grid.size)[: grid.size])
+
+
+def _in_bands(power: Array, bins_per_hz: float) -> Array:
+    """(M,) means of a spectrum over bands about each frequency, the wider the higher it is."""
+    at = np.arange(power.size)
+    half = 0.5 * (_BAND_HZ * bins_per_hz + _BAND_SHARE * at)
+    low, high = np.maximum(at - half, 0.0).astype(np.int64), np.minimum(at + half, power.size - 1.0).astype(np.int64)
+    sums = np.concatenate(([0.0], np.cumsum(power)))
+    return np.asarray((sums[high + 1] - sums[low]) / (high + 1 - low))
+
+
+def _through(time_s: Array, values: Array, grid: Array) -> Array:
+    """(N,) a cubic spline through samples; where some were lost, about the straight line between those beside it."""
+    step = float(np.median(np.diff(time_s)))
+    lost = [
+        np.arange(time_s[i] + step, time_s[i + 1] - 0.5 * step, step)
+        for i in np.flatnonzero(np.diff(time_s) > 2.5 * step)
+    ]
+    stamps = np.sort(np.concatenate((time_s, *lost)))
+    spline = make_interp_spline(stamps, np.interp(stamps, time_s, values), k=3)
+    return np.asarray(spline(np.clip(grid, stamps[0], stamps[-1])))
+
+
+def noise_beside_walk(values: Array) -> float:
+    """Standard deviation of the white noise in samples of what wanders, as an angle of flow does in gusts.
+
+    The likeliest of a constant spectrum and a random walk's, summed once or several times, together (Whittle, Ark. Mat.
+    2, 1953), above the quarter of the band in which manoeuvres are. Differences would count the walk's own steps as
+    noise.
+    """
+    power = np.abs(_there_and_back(values - values.mean())[1:]) ** 2 / (2.0 * values.size)
+    angle = 0.5 * np.pi * np.arange(1, power.size + 1) / power.size
+    fast = angle > 0.125 * np.pi
+    power, step = power[fast], np.sin(angle[fast]) ** -2.0
+    if not power.any():
+        return 0.0
+
+    def cost(log_ratio: float, shape: Array) -> float:
+        whole = math.exp(log_ratio) * shape + 1.0
+        return float(math.log(np.mean(power / whole)) + np.mean(np.log(whole)))
+
+    found = [
+        (minimize_scalar(cost, bounds=_LOG_RATIOS, method="bounded", args=(step**times,)), step**times)
+        for times in _SUMMED
+    ]
+    best, shape = min(found, key=lambda one: float(one[0].fun))
+    return math.sqrt(float(np.mean(power / (math.exp(float(best.x)) * shape + 1.0))))
 
 
 def _there_and_back(values: Array) -> NDArray[np.complex128]:

@@ -190,16 +190,14 @@ def _later(stated: Stated, nominal: object, stamps: tuple[float, float], sign: f
 
 
 def _swinging(lag: Known) -> dict[str, Stated]:
-    """Natural frequency of a vane of usual damping that lags so: 2 damping over omega. A lag of 0 is no swinging."""
+    """Period of a vane of usual damping that lags so: 2 damping over omega. A lag of 0 is no swinging."""
     if lag == NOT_SAID:
         return {}
-    damping = math.exp(_NOMINAL["vane_log_damping"].mean)
-    usual = 2.0 * damping / (2.0 * math.pi * math.exp(_NOMINAL["vane_log_frequency"].mean))
-    middle = usual if lag.value is None else lag.value
-    if middle <= 0.0:
-        return {"vane_log_frequency": (math.inf, 0.0), "vane_log_damping": (None, 0.0)}
-    frequency = math.log(2.0 * damping / (2.0 * math.pi * middle))
-    return {"vane_log_frequency": (frequency, None if lag.std is None else lag.std / middle)}
+    if lag.value == 0.0:
+        return {"vane_period": (0.0, 0.0), "vane_log_damping": (None, 0.0)}
+    per_lag = math.pi / math.exp(_NOMINAL["vane_log_damping"].mean)
+    mean, std = (None if one is None else one * per_lag for one in (lag.value, lag.std))
+    return {"vane_period": (mean, std)}
 
 
 def _airspeed_std(vehicle: Vehicle) -> float | None:

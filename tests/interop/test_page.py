@@ -107,7 +107,7 @@ def test_a_log_is_taken_in_and_identified(visitor: Visitor, ground: Ground, tmp_
     visitor.page.get_by_label("Method").select_option("ee")
     visitor.page.get_by_label("Signals that are right as recorded").fill("q, az")
     visitor.page.click("button:text-is('Identify')")
-    visitor.page.click("a:text-is('See the result')")
+    visitor.page.click("a:text-is('See the result')", timeout=PATIENCE_S * 1000)
     visitor.wait_for_plots(4)
     newest = ground.get("/api/models")[0]
     result = ground.get(f"/api/flights/{newest['flight_id']}/identification")

@@ -11,9 +11,10 @@ from scipy import signal
 from simulated import fly_mav
 from table_two import with_table_two
 
+from sim_vehicle.flight.wind import dryden_gusts
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.posterior.flight_part import make_part, with_vane
-from sysid.posterior.smoothing import airspeed_through, expected, smoothed
+from sysid.posterior.smoothing import airspeed_through, expected, noise_beside_walk, smoothed
 from sysid.signals.flight import FlightSignals, Signal
 
 TIME = np.arange(0.0, 40.0, 0.002)
@@ -96,7 +97,7 @@ def test_a_flow_angle_is_what_it_was_before_its_vane_swung() -> None:
     signals["alpha"] = Signal(TIME[::10] + clock, read[::10], "rad", "AOA_SSA.aoa")
     part = make_part(FlightSignals("made", signals), plane, 0.0, 40.0)
     values = {
-        "vane_clock": clock, "vane_log_frequency": math.log(4.0), "vane_log_damping": math.log(damping),
+        "vane_clock": clock, "vane_period": 0.25, "vane_log_damping": math.log(damping),
         "alpha_scale": scale,
     }  # fmt: skip
     inside = slice(200, -200)
@@ -115,14 +116,26 @@ def test_derivatives_by_a_noisy_vane_are_right_by_what_it_is_expected_to_stand_f
     read = flow + 0.005 * g.standard_normal(stamps.size)
     force = -0.4 * np.interp(grid, stamps, flow)
     slopes = []
-    for told in (smoothed(stamps, read, grid, 0.1), expected(stamps, read, grid, 0.1)):
+    for told in (smoothed(stamps, read, grid, 0.1), expected(stamps, read, grid)):
         off = told - told.mean()
         slopes.append(float(off @ force / (off @ off)))
     assert slopes[0] > -0.36  # attenuated by the noise that the window leaves
     assert slopes[1] == pytest.approx(-0.4, rel=0.05)
-    # A vane without noise is left as it is.
-    clean = 0.05 * np.sin(2.0 * np.pi * 0.8 * stamps)
-    np.testing.assert_allclose(expected(stamps, clean, grid, 0.1), smoothed(stamps, clean, grid, 0.1), atol=0.0)
+    # A vane without noise is left as it is, fast gusts and all, and where samples are lost it goes on as a line.
+    clean = 0.05 * np.sin(2.0 * np.pi * 6.0 * stamps)
+    inside = (grid > 1.0) & (grid < 59.0)
+    at_grid = 0.05 * np.sin(2.0 * np.pi * 6.0 * grid)
+    np.testing.assert_allclose(expected(stamps, clean, grid)[inside], at_grid[inside], atol=2e-3)
+    kept = (stamps < 30.0) | (stamps > 30.6)
+    assert np.abs(expected(stamps[kept], clean[kept], grid)).max() < 0.06
+
+
+@pytest.mark.parametrize(("gusts", "noise"), [(1.0, 0.3), (0.3, 0.3), (0.0, 0.3), (2.0, 0.6)])
+def test_noise_of_a_vane_is_found_beside_gusts(gusts: float, noise: float) -> None:
+    settings = {"sigma": gusts, "length": 20.0, "airspeed": 15.0, "generator": np.random.default_rng(5)}
+    vertical = dryden_gusts(1500, 0.02, **settings)[:, 2] / 15.0
+    read = vertical + math.radians(noise) * np.random.default_rng(6).standard_normal(1500)
+    assert noise_beside_walk(read) == pytest.approx(math.radians(noise), rel=0.15)
 
 
 def test_a_vane_that_swings_only_at_the_end_of_a_part_is_not_smoothed_away() -> None:
@@ -131,7 +144,7 @@ def test_a_vane_that_swings_only_at_the_end_of_a_part_is_not_smoothed_away() -> 
     read = swings + 0.005 * np.random.default_rng(4).standard_normal(stamps.size)
     inside = (grid > 20.0) & (grid < 24.5)
     truth = np.interp(grid, stamps, swings)[inside]
-    said = expected(stamps, read, grid, 0.1)[inside]
+    said = expected(stamps, read, grid)[inside]
     assert float(said @ truth / (truth @ truth)) == pytest.approx(1.0, abs=0.03)
 
 
@@ -140,4 +153,4 @@ def test_what_a_short_series_stands_for_is_no_more_than_it_reads(length_s: float
     stamps, grid = np.arange(0.0, length_s, 0.02), np.arange(0.0, length_s - 0.02, 0.01)
     for seed in range(60):
         read = 0.05 + 0.005 * np.random.default_rng(seed).standard_normal(stamps.size)
-        assert np.abs(expected(stamps, read, grid, 0.1) - 0.05).max() < 0.02
+        assert np.abs(expected(stamps, read, grid) - 0.05).max() < 0.02
