@@ -24,6 +24,7 @@ from gcs.api.readiness import router as readiness_router
 from gcs.api.request_ids import RequestIds
 from gcs.api.security import DESCRIPTION_FILES, Access, Guard
 from gcs.api.service import Service, Watched
+from gcs.api.sheets import router as sheets_router
 from gcs.api.status import router as status_router
 from gcs.api.vehicles import router as vehicles_router
 from gcs.catalogue.store import Catalogue
@@ -98,6 +99,7 @@ def create_app(
         live_router,
         flights_router,
         jobs_router,
+        sheets_router,
         vehicles_router,
         page_router,
     ):

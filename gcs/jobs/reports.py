@@ -1,15 +1,16 @@
-"""Reports for the REST interface, each made in a process of its own: drawing would make reception wait."""
+"""What the REST interface makes of a result, each in a process of its own: drawing would make reception wait."""
 
 from __future__ import annotations
 
+import json
 import sys
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from tempfile import TemporaryFile
 from typing import Any
 
-from gcs.errors import BusyError, ReportError, ServiceError
+from gcs.errors import BusyError, ExportError, ReportError, ServiceError
 from gcs.jobs.programs import begin
 from gcs.jobs.runner import end_late
 from gcs.text.jsontext import dumps
@@ -17,10 +18,12 @@ from gcs.text.jsontext import dumps
 _LONGEST_S = 120.0
 # So many wait for theirs at a time; each of them keeps a thread that others need.
 _MOST_WAITING = 4
+# The command that makes the same, where it is called otherwise.
+_BY_HAND = {"tuning": "tune"}
 
 
 class Reports:
-    """Makes one page at a time. `worker` is the command that makes it."""
+    """Makes one page or sheet at a time. `worker` is the command that makes it."""
 
     def __init__(self, worker: Sequence[str] = (sys.executable, "-m", "gcs.jobs.reportworker")) -> None:
         self._worker = tuple(worker)
@@ -31,15 +34,29 @@ class Reports:
 
         Raises ReportError where it cannot be shown, BusyError where others are still waiting for theirs.
         """
+        return self._in_turn("report", result, {})
+
+    def sheet(self, kind: str, result: dict[str, Any], settings: Mapping[str, Any]) -> dict[str, Any]:
+        """What follows from the model of a result of gcs identify: the JSON of schema tuning/1, margins/1 or
+        performance/1. kind: its name; settings: what is asked of it beside the result.
+
+        Raises ExportError where the result does not give it, BusyError where others are still waiting for theirs.
+        """
+        try:
+            return dict(json.loads(self._in_turn(kind, result, settings)))
+        except ReportError as error:
+            raise ExportError(str(error)) from error
+
+    def _in_turn(self, kind: str, result: dict[str, Any], settings: Mapping[str, Any]) -> str:
         if not self._places.acquire(blocking=False):
             raise BusyError("other reports are being made; ask again in a minute")
         try:
             with self._free:
-                return self._made(result)
+                return self._made(kind, dumps({"make": kind, "result": result, "settings": settings}))
         finally:
             self._places.release()
 
-    def _made(self, result: dict[str, Any]) -> str:
+    def _made(self, kind: str, asked: str) -> str:
         late = threading.Event()
         with (
             TemporaryFile("w+", encoding="utf-8") as errors,
@@ -51,7 +68,7 @@ class Reports:
             watchdog.start()
             try:
                 with suppress(BrokenPipeError):  # it died at its start; its last words say why
-                    process.stdin.write(dumps(result))
+                    process.stdin.write(asked)
                     process.stdin.close()
                 page = str(process.stdout.read())
                 code = process.wait()
@@ -60,7 +77,9 @@ class Reports:
             errors.seek(0)
             lines = errors.read().strip().splitlines()
         if late.is_set():
-            raise ServiceError(f"the report was not made within {_LONGEST_S:g} s; make it by hand with gcs report")
+            raise ServiceError(
+                f"it was not made within {_LONGEST_S:g} s; make it by hand with gcs {_BY_HAND.get(kind, kind)}"
+            )
         if code != 0:
-            raise ReportError(lines[-1] if lines else f"the report failed (exit code {code})")
+            raise ReportError(lines[-1] if lines else f"gcs {_BY_HAND.get(kind, kind)} failed (exit code {code})")
         return page

@@ -384,6 +384,52 @@ interface IdentificationResult extends Judged {
   dimensional?: Record<string, Estimate>
 }
 
+/** One figure of a sheet; the ends of an interval are null where they lie beyond what was looked at. */
+interface SheetFigure {
+  value: number | null
+  unit: string
+  interval?: (number | null)[] | null
+}
+
+interface Proposal {
+  name: string
+  now: number | null
+  value: number
+  unit: string
+  interval: [number, number] | null
+  reason: string
+  refused: string
+}
+
+interface TuningSheet {
+  parameters: Proposal[]
+  refused: Proposal[]
+  warnings: string[]
+}
+
+interface Loop extends Record<string, any> {
+  stable: boolean
+  gains: Record<string, { parameter: string, now: number, may_grow: SheetFigure, oscillation: number | null }>
+}
+
+interface MarginsSheet {
+  airspeed: number
+  loops: Record<string, Loop>
+  refused: { name: string, refused: string }[]
+  handling: { mode: string, quantity: string, value: number, unit: string, level: number }[]
+  warnings: string[]
+}
+
+interface PerformanceSheet {
+  mass: number
+  altitude: number
+  figures: Record<string, (SheetFigure & { extrapolated: boolean }) | { refused: string }>
+  speeds: {
+    speed: number, drag: number, drag_interval?: [number, number], thrust_available?: number, extrapolated: boolean
+  }[]
+  warnings: string[]
+}
+
 /** Stages of a model in an analysis of discrepancies. */
 type Stage = 'given' | 'before' | 'after'
 

@@ -115,6 +115,11 @@ def _number(value: float | None) -> str:
 
 
 def write_parameters(found: Mapping[str, Any], path: Path) -> None:
+    """Write the file. Raises ExportError where nothing is proposed."""
+    write_whole(path, parameter_file(found))
+
+
+def parameter_file(found: Mapping[str, Any]) -> str:
     """The file: for ArduPilot NAME,VALUE, as Mission Planner and MAVProxy load it; for PX4 that of QGroundControl.
 
     Raises ExportError where nothing is proposed.
@@ -138,4 +143,4 @@ def write_parameters(found: Mapping[str, Any], path: Path) -> None:
         else:
             lines.append(f"{one['name']},{one['value']:g}")
     lines += [one_line(f"# {one['name']}: not proposed: {one['refused']}") for one in found["refused"]]
-    write_whole(path, "\n".join([*lines, ""]))
+    return "\n".join([*lines, ""])

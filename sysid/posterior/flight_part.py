@@ -31,8 +31,8 @@ STEP_S, COMMON_STEP_S = 0.01, 0.02
 SHORTEST_S, _FEWEST_POINTS = 0.7, 16
 # The start of a part is left out of the spectrum over so long, s.
 _RISE_S = 0.5
-# Half widths of the windows that smooth what is imposed, s, and in samples where these are further apart.
-_HALF_S = {"rates": 0.06, "angles": 0.10, "airspeed": 0.15}
+# Half widths of the windows that smooth airspeed and thrust, s, and in samples where these are further apart.
+_AIRSPEED_HALF_S, _THRUST_HALF_S = 0.15, 0.1
 _HALF_SAMPLES = 2.6
 # By which an airspeed's position error is estimated, s: speeds change as slowly.
 _SLOW_HALF_S = 1.5
@@ -41,7 +41,6 @@ _DEAD = 1e-6
 _USUAL_SIDESLIP = 0.3
 # Samples of what an estimate cannot do without, in a part of a flight.
 _FEWEST = 10
-_THRUST_HALF_S = 0.1
 
 MEASURED = (*IMU, "alpha", "beta")
 
@@ -212,8 +211,7 @@ def make_part(
     inputs, position = inputs_of(signals, vehicle, earliest, end)
     motion = {
         **{name: np.zeros(grid.size) for name in IMU},
-        **{name: _smooth(read[name], grid, _HALF_S["rates"]) for name in inertial},
-        **{name: _smooth(read[name], grid, _HALF_S["angles"]) for name in ("phi", "theta")},
+        **{name: expected(*read[name], grid) for name in (*inertial, "phi", "theta")},
     }
     rho = _density(signals, vehicle, grid, begin, end)
     stamps, airspeed = read["airspeed"]
@@ -222,7 +220,7 @@ def make_part(
     if float(np.median(airspeed)) < 1.0:
         raise SignalError(f"{signals.name}: the airspeed reads nothing: its sensor is dead or not connected")
     alive = {name: one for name, one in read.items() if one[0].size >= 10 and float(np.std(one[1])) > _DEAD}
-    rough = _smooth((stamps, airspeed), grid, _HALF_S["airspeed"])
+    rough = _smooth((stamps, airspeed), grid, _AIRSPEED_HALF_S)
     motion |= _flow(alive, reconstructed or {}, motion, rough, grid, vehicle)
     # The fast part of a vane's reading is gusts, and what goes with them takes their answer for its own.
     motion["slow_alpha"] = smoothed(grid, motion["alpha"], grid, _SLOW_HALF_S)
@@ -232,7 +230,7 @@ def make_part(
         along = _along_path(motion, vehicle.environment.gravity)
         speed = airspeed_through(stamps, airspeed, grid, along, lag_known)
     else:
-        speed = airspeed_alone(stamps, airspeed, grid, _HALF_S["airspeed"], lag_known)
+        speed = airspeed_alone(stamps, airspeed, grid, _AIRSPEED_HALF_S, lag_known)
     if "az" not in alive and "alpha" in alive:
         motion["az"] = _normal_acceleration(motion, speed.values, vehicle.environment.gravity)
     channels = {
@@ -271,11 +269,6 @@ def make_part(
 def _smooth(read: tuple[Array, Array], grid: Array, half: float) -> Array:
     time_s, values = read
     return smoothed(time_s, values, grid, max(half, _HALF_SAMPLES * float(np.median(np.diff(time_s)))))
-
-
-def _flow_read(read: tuple[Array, Array], grid: Array) -> Array:
-    """A vane's reading as what it most likely stands for."""
-    return expected(*read, grid)
 
 
 def _inside(read: tuple[Array, Array], grid: Array) -> tuple[Array, Array]:
@@ -336,7 +329,7 @@ def _flow(
     sensors, found = vehicle.sensors, {}
     for name in ("alpha", "beta"):
         if name in read:
-            found[name] = _flow_read(read[name], grid)
+            found[name] = expected(*read[name], grid)
         elif name == "beta":
             found[name] = np.zeros(grid.size)
             slip = _usual_sideslip(reconstructed, grid)
@@ -403,7 +396,7 @@ class VaneReading:
 def vane_reading(part: FlightPart, name: str) -> VaneReading:
     """What the vane of alpha or beta measured through a part."""
     channel, dt = part.channels[name], float(part.grid[1] - part.grid[0])
-    read = _flow_read((channel.time_s, channel.values), part.grid)
+    read = expected(channel.time_s, channel.values, part.grid)
     rate = np.gradient(read, dt)
     return VaneReading(part, name, read, rate, np.gradient(rate, dt))
 

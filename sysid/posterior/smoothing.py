@@ -23,9 +23,9 @@ _ROUGH_S, _FINE_S, _BEND_S = 0.01, 0.002, 0.01
 _LEAST_LAG_STD_S, _LEAST_IN_GUSTS_S, _GUSTY = 0.004, 0.015, 0.05
 # Longitudinal gusts: power of the change of airspeed that no accelerometer feels, m^2/s^3.
 _GUST_POWERS = (1e-4, 1e-2, 0.1, 0.4, 2.0)
-# Width of the bands in which noise is distinguished from a signal, Hz and share of their frequency; samples below which
-# it is not.
-_BAND_HZ, _BAND_SHARE, _FEWEST = 0.2, 0.1, 20
+# Width of the bands in which noise is distinguished from a signal, Hz and share of their frequency, by how many
+# standard errors of the noise's power a signal must stand out; samples below which it is not.
+_BAND_HZ, _BAND_SHARE, _CHANCE, _FEWEST = 0.2, 0.3, 5.0, 20
 # Natural logarithms of what wanders over the noise, in power at the end of the band, between which the likeliest is
 # sought; how often white noise is summed to what wanders: in gusts once, behind a vane that swings up to three times.
 _LOG_RATIOS, _SUMMED = (math.log(1e-6), math.log(1e6)), (1, 2, 3)
@@ -83,18 +83,24 @@ def expected(time_s: Array, values: Array, grid: Array) -> Array:
     middle, step = float(joined.mean()), float(grid[1] - grid[0])
     Z, of_noise = (_there_and_back(one) for one in (joined - middle, sigma * passed))
     # Of all of the series at once: windows would weigh what is at its ends less.
-    power, noise = (_in_bands(np.abs(one) ** 2, 2.0 * step * grid.size) for one in (Z, of_noise))
-    gain = np.clip(1.0 - noise / np.maximum(power, 1e-12 * power.max()), 0.0, 1.0)
+    power, noise = (np.abs(one) ** 2 for one in (Z, of_noise))
+    low, high = _bands(power.size, 2.0 * step * grid.size)
+    power, noise = (np.diff(np.cumsum(np.append(0.0, one))[np.stack((low, high))], axis=0)[0] for one in (power, noise))
+    power = np.maximum(power, 1e-12 * power.max())
+    # Of noise alone half of the bands hold more than is expected: what does not stand out of that is taken as none.
+    seen = power > noise * (1.0 + _CHANCE * np.sqrt(2.0 / (high - low)))
+    gain = np.where(seen, np.clip(1.0 - noise / power, 0.0, 1.0), 0.0)
     return np.asarray(middle + np.fft.irfft(Z * gain, 2 * grid.size)[: grid.size])
 
 
-def _in_bands(power: Array, bins_per_hz: float) -> Array:
-    """(M,) means of a spectrum over bands about each frequency, the wider the higher it is."""
-    at = np.arange(power.size)
+def _bands(size: int, bins_per_hz: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """First and one past the last bin, (M,) each, of a band about every frequency of a spectrum, wider where it is
+    higher.
+    """
+    at = np.arange(size)
     half = 0.5 * (_BAND_HZ * bins_per_hz + _BAND_SHARE * at)
-    low, high = np.maximum(at - half, 0.0).astype(np.int64), np.minimum(at + half, power.size - 1.0).astype(np.int64)
-    sums = np.concatenate(([0.0], np.cumsum(power)))
-    return np.asarray((sums[high + 1] - sums[low]) / (high + 1 - low))
+    low, high = np.maximum(at - half, 0.0), np.minimum(at + half, size - 1.0) + 1.0
+    return low.astype(np.int64), high.astype(np.int64)
 
 
 def _through(time_s: Array, values: Array, grid: Array) -> Array:

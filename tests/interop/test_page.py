@@ -150,6 +150,26 @@ def test_a_model_stands_there_with_its_error_bars(visitor: Visitor, ground: Grou
     visitor.check("model")
 
 
+def test_what_follows_from_a_model_is_shown_for_the_autopilot_that_is_chosen(visitor: Visitor, ground: Ground) -> None:
+    flight = flight_with(ground, "identify")
+    visitor.open(f"#/flights/{flight}/use")
+    visitor.wait_for_plots(1)
+    assert "RLL_RATE_FF" in visitor.text("main")
+    visitor.page.get_by_label("Autopilot").select_option("px4")
+    visitor.page.wait_for_selector("code:text-is('FW_RR_FF')")
+    assert "RLL_RATE_FF" not in visitor.text("main")
+    assert b"FW_RR_FF" in visitor.downloaded("a:text-is('Parameter file')")
+    glide = "tr:has(th:text-is('Speed for best glide'))"
+    of_one = float(visitor.text(glide).split()[4])
+    visitor.page.get_by_label("Take-off mass, kg").fill("2")
+    visitor.page.click("button:text-is('Work it out')")
+    visitor.wait_for_text("caption", "With 2.000 kg at 0 m")
+    visitor.wait_for_plots(1)
+    # Twice the mass glides as far, faster by the root of two.
+    assert float(visitor.text(glide).split()[4]) == pytest.approx(2.0**0.5 * of_one, rel=0.01)
+    visitor.check()
+
+
 def test_a_discrepancy_is_told_in_a_sentence_and_bars(visitor: Visitor, ground: Ground) -> None:
     flight = flight_with(ground, "discrepancy")
     visitor.open(f"#/flights/{flight}/discrepancy")

@@ -14,34 +14,24 @@ import pytest
 from flown_loop import RollLoop
 from processes import run
 from simulated import fly_mav
-from tuned_result import SPEED, a_result
+from tuned_result import BOARD, SPEED, a_result, damped
 
 from gcs.errors import SettingsError
 from gcs.tuning.handling import handling
 from gcs.tuning.margins import margins
 from sim_vehicle.constants import SEA_LEVEL_DENSITY
-from sim_vehicle.model.model_file import Coefficient, Model, read_model
+from sim_vehicle.model.model_file import Coefficient, Model
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.identification.linear_model import OUTPUTS, linearise
 from sysid.identification.result_file import result_json
 from sysid.identify import identify
 
-BOARD = {
-    "RLL_RATE_P": 0.12, "RLL_RATE_I": 0.15, "RLL_RATE_D": 0.004, "RLL_RATE_FF": 0.18, "RLL2SRV_TCONST": 0.45,
-    "PTCH_RATE_P": 0.1, "PTCH_RATE_I": 0.05, "PTCH_RATE_D": 0.006, "PTCH_RATE_FF": 0.1, "PTCH2SRV_TCONST": 0.6,
-    "SCHED_LOOP_RATE": 50.0, "INS_GYRO_FILTER": 20.0, "SCALING_SPEED": 17.0, "RLL_RATE_FLTE": 0.0,
-}  # fmt: skip
 DELAY, LAG, TRAVEL = 0.025, 0.03, 0.436
 SERVOS = [
     {"name": name, "group": group, "value": value, "std": 0.003}
     for group in ("longitudinal", "lateral")
     for name, value in (("servo_delay", DELAY), ("servo_lag", LAG))
 ]
-
-
-def damped() -> Model:
-    model = read_model("iitb-mav")
-    return replace(model, coefficients={**model.coefficients, "Cm_q": Coefficient(-9.0), "CL_q": Coefficient(3.0)})
 
 
 def sheet(model: Model, **changed: float) -> dict[str, Any]:

@@ -13,9 +13,11 @@ import { download } from '../shared/links.js'
 import { plan } from '../model/plan.js'
 import { sharing } from './sharing.js'
 import { signals } from './signals.js'
+import { use } from '../model/use.js'
 import { say } from '../shared/language.js'
 
-const TABS = [['', 'Flight'], ['model', 'Model'], ['discrepancy', 'Discrepancy'], ['plan', 'Next flight']]
+const TABS = [['', 'Flight'], ['model', 'Model'], ['discrepancy', 'Discrepancy'], ['use', 'Use'],
+  ['plan', 'Next flight']]
 
 /**
  * The view of one flight: parts are its id and the tab.
@@ -41,6 +43,8 @@ export async function flight(page, [id, tab = ''], query, signal) {
     identification(page, await getIfThere(`${path}/identification`, signal), summary, signal)
   } else if (tab === 'discrepancy') {
     discrepancy(page, await getIfThere(`${path}/discrepancy`, signal), summary, signal)
+  } else if (tab === 'use') {
+    await use(page, await getIfThere(`${path}/identification`, signal), summary, signal)
   } else if (tab === 'plan') {
     await plan(page, await getIfThere(`${path}/design`, signal), summary, signal)
   } else {
