@@ -18,7 +18,7 @@ from sysid.errors import SignalError
 from sysid.posterior.inputs import LOOP_INTERVAL_S, InputSignal, in_steps, input_signal, surface_signal
 from sysid.posterior.observations import Channel, CommonGrid, bursts, common_grid
 from sysid.posterior.residual_spectrum import HIGHEST_HZ, NYQUIST_SHARE, WHOLE_HZ, WHOLE_SHARE
-from sysid.posterior.smoothing import Airspeed, airspeed_alone, airspeed_through, expected, smoothed
+from sysid.posterior.smoothing import HALF_SAMPLES, Airspeed, airspeed_alone, airspeed_through, expected, smoothed
 from sysid.posterior.stated_priors import airspeed_lag
 from sysid.signals.flight import FlightSignals
 from sysid.signals.record import SURFACES
@@ -31,9 +31,8 @@ STEP_S, COMMON_STEP_S = 0.01, 0.02
 SHORTEST_S, _FEWEST_POINTS = 0.7, 16
 # The start of a part is left out of the spectrum over so long, s.
 _RISE_S = 0.5
-# Half widths of the windows that smooth airspeed and thrust, s, and in samples where these are further apart.
+# Half widths of the windows that smooth airspeed and thrust, s.
 _AIRSPEED_HALF_S, _THRUST_HALF_S = 0.15, 0.1
-_HALF_SAMPLES = 2.6
 # By which an airspeed's position error is estimated, s: speeds change as slowly.
 _SLOW_HALF_S = 1.5
 _DEAD = 1e-6
@@ -268,7 +267,7 @@ def make_part(
 
 def _smooth(read: tuple[Array, Array], grid: Array, half: float) -> Array:
     time_s, values = read
-    return smoothed(time_s, values, grid, max(half, _HALF_SAMPLES * float(np.median(np.diff(time_s)))))
+    return smoothed(time_s, values, grid, max(half, HALF_SAMPLES * float(np.median(np.diff(time_s)))))
 
 
 def _inside(read: tuple[Array, Array], grid: Array) -> tuple[Array, Array]:

@@ -26,6 +26,8 @@ _GUST_POWERS = (1e-4, 1e-2, 0.1, 0.4, 2.0)
 # Width of the bands in which noise is distinguished from a signal, Hz and share of their frequency, by how many
 # standard errors of the noise's power a signal must stand out; samples below which it is not.
 _BAND_HZ, _BAND_SHARE, _CHANCE, _FEWEST = 0.2, 0.3, 5.0, 20
+# Half width of the narrowest window that smooths, in samples.
+HALF_SAMPLES = 2.6
 # Natural logarithms of what wanders over the noise, in power at the end of the band, between which the likeliest is
 # sought; how often white noise is summed to what wanders: in gusts once, behind a vane that swings up to three times.
 _LOG_RATIOS, _SUMMED = (math.log(1e-6), math.log(1e6)), (1, 2, 3)
@@ -75,8 +77,10 @@ def expected(time_s: Array, values: Array, grid: Array) -> Array:
     J. Am. Stat. Assoc. 45, 1950). Smoothed by more than that it lacks what moved the aircraft, and clocks and lags of
     its sensor are found that make up for it. The noise is taken as white, as large as `noise_beside_walk` says.
     """
+    if not np.ptp(values):
+        return np.full(grid.size, values[0])
     if values.size < _FEWEST:
-        return np.interp(grid, time_s, values)
+        return smoothed(time_s, values, grid, HALF_SAMPLES * float(np.median(np.diff(time_s))))
     sigma = noise_beside_walk(values)
     joined = _through(time_s, values, grid)
     passed = _through(time_s, np.random.default_rng(0).standard_normal(values.size), grid)

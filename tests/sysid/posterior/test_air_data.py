@@ -128,6 +128,10 @@ def test_derivatives_by_a_noisy_vane_are_right_by_what_it_is_expected_to_stand_f
     np.testing.assert_allclose(expected(stamps, clean, grid)[inside], at_grid[inside], atol=2e-3)
     kept = (stamps < 30.0) | (stamps > 30.6)
     assert np.abs(expected(stamps[kept], clean[kept], grid)).max() < 0.06
+    # One that is dead reads what it reads, and of a few samples a curve goes through their middle.
+    np.testing.assert_array_equal(expected(stamps, 0.0 * stamps, grid), 0.0 * grid)
+    few = expected(stamps[:12], 3.0 + stamps[:12] ** 2, grid[:22])
+    np.testing.assert_allclose(few, 3.0 + grid[:22] ** 2, atol=1e-3)
 
 
 @pytest.mark.parametrize(("gusts", "noise"), [(1.0, 0.3), (0.3, 0.3), (0.0, 0.3), (2.0, 0.6)])
