@@ -31,8 +31,8 @@ STEP_S, COMMON_STEP_S = 0.01, 0.02
 SHORTEST_S, _FEWEST_POINTS = 0.7, 16
 # The start of a part is left out of the spectrum over so long, s.
 _RISE_S = 0.5
-# Half widths of the windows that smooth airspeed and thrust, s.
-_AIRSPEED_HALF_S, _THRUST_HALF_S = 0.15, 0.1
+# Half widths of the windows that smooth what is imposed, s, where samples are not further apart.
+_HALF_S = {"rates": 0.06, "angles": 0.10, "airspeed": 0.15, "thrust": 0.10}
 # By which an airspeed's position error is estimated, s: speeds change as slowly.
 _SLOW_HALF_S = 1.5
 _DEAD = 1e-6
@@ -210,7 +210,8 @@ def make_part(
     inputs, position = inputs_of(signals, vehicle, earliest, end)
     motion = {
         **{name: np.zeros(grid.size) for name in IMU},
-        **{name: expected(*read[name], grid) for name in (*inertial, "phi", "theta")},
+        **{name: _smooth(read[name], grid, _HALF_S["rates"]) for name in inertial},
+        **{name: _smooth(read[name], grid, _HALF_S["angles"]) for name in ("phi", "theta")},
     }
     rho = _density(signals, vehicle, grid, begin, end)
     stamps, airspeed = read["airspeed"]
@@ -219,7 +220,7 @@ def make_part(
     if float(np.median(airspeed)) < 1.0:
         raise SignalError(f"{signals.name}: the airspeed reads nothing: its sensor is dead or not connected")
     alive = {name: one for name, one in read.items() if one[0].size >= 10 and float(np.std(one[1])) > _DEAD}
-    rough = _smooth((stamps, airspeed), grid, _AIRSPEED_HALF_S)
+    rough = _smooth((stamps, airspeed), grid, _HALF_S["airspeed"])
     motion |= _flow(alive, reconstructed or {}, motion, rough, grid, vehicle)
     # The fast part of a vane's reading is gusts, and what goes with them takes their answer for its own.
     motion["slow_alpha"] = smoothed(grid, motion["alpha"], grid, _SLOW_HALF_S)
@@ -229,7 +230,7 @@ def make_part(
         along = _along_path(motion, vehicle.environment.gravity)
         speed = airspeed_through(stamps, airspeed, grid, along, lag_known)
     else:
-        speed = airspeed_alone(stamps, airspeed, grid, _AIRSPEED_HALF_S, lag_known)
+        speed = airspeed_alone(stamps, airspeed, grid, _HALF_S["airspeed"], lag_known)
     if "az" not in alive and "alpha" in alive:
         motion["az"] = _normal_acceleration(motion, speed.values, vehicle.environment.gravity)
     channels = {
@@ -302,12 +303,12 @@ def _thrust(
     throttle = finite(signals, "throttle", *span)[1]
     if time_s.size >= 10 and not dead_thrust(values, throttle):
         moving = 0.0 if propulsion is None else propulsion.moving_mass
-        return np.asarray(_smooth((time_s, values), grid, _THRUST_HALF_S) + moving * ahead), "thrust"
+        return np.asarray(_smooth((time_s, values), grid, _HALF_S["thrust"]) + moving * ahead), "thrust"
     if propulsion is None:
         return np.zeros(grid.size), ""
     time_s, values = finite(signals, "rpm", *span)
     if time_s.size >= 10 and propulsion.by_rpm:
-        return thrust_in_air(_smooth((time_s, values), grid, _THRUST_HALF_S), airspeed, rho, vehicle), "rpm"
+        return thrust_in_air(_smooth((time_s, values), grid, _HALF_S["thrust"]), airspeed, rho, vehicle), "rpm"
     if propulsion.by_throttle and throttle.size >= 2:
         return np.full(grid.size, np.nan), "throttle"
     return np.zeros(grid.size), ""
