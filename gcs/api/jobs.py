@@ -151,8 +151,8 @@ def export_model(
     service: Serving,
     model_id: str,
     to: Annotated[
-        Literal["jsbsim", "gazebo", "csv", "latex"],
-        Query(description="For which program; all but latex as ZIP archive"),
+        Literal["jsbsim", "gazebo", "daveml", "csv", "latex"],
+        Query(description="For which program; all but daveml and latex as ZIP archive"),
     ],
 ) -> Response:
     """The model in the form of another program, as `gcs export-model` writes it."""

@@ -5,8 +5,8 @@ import sys
 from pathlib import Path
 
 NAME = "export-model"
-HELP = "write a model for JSBSim, FMI, Gazebo, MATLAB, python-control, a spreadsheet or a paper"
-FORMS = ("jsbsim", "fmu", "gazebo", "mat", "statespace", "csv", "latex")
+HELP = "write a model for JSBSim, FMI, Gazebo, DAVE-ML, MATLAB, python-control, a spreadsheet or a paper"
+FORMS = ("jsbsim", "fmu", "gazebo", "daveml", "mat", "statespace", "csv", "latex")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -26,13 +26,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Write, and say what was left out."""
     from gcs.errors import SettingsError
-    from gcs.exports import fmu, gazebo, jsbsim, matlab, state_space, tables
+    from gcs.exports import daveml, fmu, gazebo, jsbsim, matlab, state_space, tables
     from gcs.exports.exported import Exported, model_of, require_new
     from gcs.exports.samples import drawn
     from sim_vehicle.vehicle.vehicle_file import load_vehicle
 
     writers = {
-        "jsbsim": jsbsim.write, "fmu": fmu.write, "gazebo": gazebo.write, "mat": matlab.write,
+        "jsbsim": jsbsim.write, "fmu": fmu.write, "gazebo": gazebo.write,
+        "daveml": daveml.write, "mat": matlab.write,
         "statespace": state_space.write, "csv": tables.write_csv, "latex": tables.write_latex,
     }  # fmt: skip
     path: Path = args.output

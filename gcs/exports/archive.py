@@ -7,13 +7,13 @@ import zipfile
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from gcs.exports import gazebo, jsbsim, tables
+from gcs.exports import daveml, gazebo, jsbsim, tables
 from gcs.exports.exported import Exported
 
 # What is written without the compiled simulation, which a service that listens must not wait for.
 WRITERS = {
     "jsbsim": (jsbsim.write, ""), "gazebo": (gazebo.write, ""), "csv": (tables.write_csv, ".csv"),
-    "latex": (tables.write_latex, ".tex"),
+    "daveml": (daveml.write, ".dml"), "latex": (tables.write_latex, ".tex"),
 }  # fmt: skip
 
 
@@ -24,7 +24,7 @@ def archived(model: Exported, form: str, name: str) -> tuple[bytes, str]:
         folder = Path(scratch)
         writer(model, folder / f"{name}{ending}")
         files = sorted(path for path in folder.rglob("*") if path.is_file())
-        if form == "latex":
+        if form in ("daveml", "latex"):
             return files[0].read_bytes(), files[0].name
         packed = io.BytesIO()
         with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:

@@ -96,7 +96,9 @@ def test_a_job_from_request_to_model(bench: Bench, client: httpx.Client) -> None
     with zipfile.ZipFile(io.BytesIO(client.get(f"/api/models/{model['id']}/export?to=jsbsim").content)) as archive:
         assert any(name.endswith("/flat.xml") for name in archive.namelist())
         assert len(archive.namelist()) == 3
-    assert "'jsbsim', 'gazebo', 'csv' or 'latex'" in problem(client.get(f"/api/models/{model['id']}/export?to=x"), 422)
+    assert b"<DAVEfunc" in client.get(f"/api/models/{model['id']}/export?to=daveml").content
+    unknown = problem(client.get(f"/api/models/{model['id']}/export?to=x"), 422)
+    assert "'jsbsim', 'gazebo', 'daveml', 'csv' or 'latex'" in unknown
     assert "no model 'x'" in problem(client.get("/api/models/x/export?to=csv"), 404)
     assert job["report"] is None
     page = client.get(ended["report"])

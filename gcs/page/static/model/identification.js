@@ -97,6 +97,7 @@ export async function modelLink(place, flight, kind, signal) {
   place.append(download(model, `${flight}-model.json`, 'Model (JSON)'),
     download(`${model}/export?to=jsbsim`, `${flight}-jsbsim.zip`, 'Aircraft for JSBSim'),
     download(`${model}/export?to=gazebo`, `${flight}-gazebo.zip`, 'Aircraft for Gazebo'),
+    download(`${model}/export?to=daveml`, `${flight}-model.dml`, 'Model (DAVE-ML)'),
     download(`${model}/export?to=csv`, `${flight}-model.zip`, 'Table (CSV)'),
     download(`${model}/export?to=latex`, `${flight}-model.tex`, 'Table (LaTeX)'))
 }
