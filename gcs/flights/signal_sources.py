@@ -21,7 +21,9 @@ Array = NDArray[np.float64]
 ZERO_CELSIUS = 273.15  # K
 SURFACE_RATE_HZ = 20.0
 GPS_RATE_HZ = 1.0
+BATTERY_RATE_HZ = 0.5
 UINT16_NONE = 65535.0
+CELLS = 10  # whose voltages BATTERY_STATUS has
 INT16_NONE = 32767.0  # of temperatures that a sender does not know, as AIRSPEED's definition has it
 LOOKS_DOWN = 25.0  # MAV_SENSOR_ROTATION_PITCH_270
 FIX_2D = 2.0  # GPS_FIX_TYPE_2D_FIX
@@ -32,6 +34,7 @@ INSTANCE_FIELDS = {
     "HIGHRES_IMU": "id",
     "RAW_IMU": "id",
     "AIRSPEED": "id",
+    "BATTERY_STATUS": "id",
 }
 
 # Bits of HIGHRES_IMU.fields_updated: a field whose bit is off repeats an old value.
@@ -51,6 +54,7 @@ TABLE_SIGNALS = (
     *("altitude", "height", "vn", "ve", "vd", "thrust", "rpm", "de", "da", "dr", "throttle"),
     *(f"servo{number}" for number in range(1, OUTPUTS + 1)),
     *(name for name in SECOND_SENSORS if name not in ("alpha2", "beta2")),
+    *("battery_voltage", "battery_current"),
 )
 
 # Signals that a sender without the sensor leaves at exactly 0 throughout.
@@ -130,6 +134,13 @@ def _height(distance: Array, low: Array, high: Array, orientation: Array) -> Arr
     return np.where(known, 0.01 * distance, np.nan)
 
 
+def _cells(*voltages: Array) -> Array:
+    """mV of each cell, or of the whole battery in the first, to V."""
+    known = np.stack([np.where((one > 0.0) & (one < UINT16_NONE), one, 0.0) for one in voltages])
+    total = 1e-3 * known.sum(axis=0)
+    return np.where(total > 0.0, total, np.nan)
+
+
 def _pulse(x: Array) -> Array:
     """us, where the output is in use."""
     return np.where((x <= 0.0) | (x >= UINT16_NONE), np.nan, x)
@@ -199,6 +210,10 @@ def _named(name: str, unit: str) -> Row:
     return Row(unit, SURFACE_RATE_HZ, (Source("NAMED_VALUE_FLOAT", ("value",), linear(), name),))
 
 
+def _of_battery(unit: str, *sources: Source) -> Row:
+    return Row(unit, BATTERY_RATE_HZ, sources)
+
+
 def _one(unit: str, *sources: Source) -> Row:
     return Row(unit, SURFACE_RATE_HZ, sources)
 
@@ -250,6 +265,16 @@ _OF_MESSAGES: dict[str, Row] = {
     "vd": _velocity(2),
     "thrust": _named("thrust", "N"),
     "rpm": _one("1/min", Source("RPM", ("rpm1",), linear()), Source("ESC_TELEMETRY_1_TO_4", ("rpm[0]",), linear())),
+    "battery_voltage": _of_battery(
+        "V",
+        Source("BATTERY_STATUS", tuple(f"voltages[{i}]" for i in range(CELLS)), _cells),
+        Source("SYS_STATUS", ("voltage_battery",), _cells),
+    ),
+    "battery_current": _of_battery(
+        "A",
+        Source("BATTERY_STATUS", ("current_battery",), linear(0.01, none=-1.0)),
+        Source("SYS_STATUS", ("current_battery",), linear(0.01, none=-1.0)),
+    ),
     **{
         f"servo{OUTPUTS * port + i}": _one("us", Source("SERVO_OUTPUT_RAW", (f"servo{i}_raw",), _pulse, port=port))
         for port in range(len(PORTS))

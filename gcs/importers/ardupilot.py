@@ -92,6 +92,7 @@ class _Mapping:
             self._local_position,
             self._range,
             self._rpm,
+            self._battery,
             self._servos,
             self._rc,
         )
@@ -322,6 +323,10 @@ class _Mapping:
             unhealthy = table.values("H") == 0.0
             speeds = {name: np.where((rpm < 0.0) | unhealthy, np.nan, rpm) for name, rpm in speeds.items()}
         return [Series("RPM", table.time_us, {name: rpm.astype(np.float32) for name, rpm in speeds.items()})]
+
+    def _battery(self) -> list[Series]:
+        table = self._first("BAT", "Volt", "Curr")
+        return [] if table is None else [make.battery(table.time_us, table.values("Volt"), table.values("Curr"))]
 
     def _servos(self) -> list[Series]:
         table = self._table("RCOU")

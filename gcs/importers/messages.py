@@ -198,6 +198,19 @@ def distance(time_us: Ints, reading: Values, low: Values, high: Values, orientat
     )
 
 
+def battery(time_us: Ints, voltage: Values, current: Values) -> Series:
+    """SYS_STATUS from V and A."""
+    return Series(
+        "SYS_STATUS",
+        time_us,
+        {
+            "voltage_battery": whole(1e3 * voltage, "uint16", UNKNOWN_16),
+            "current_battery": whole(1e2 * current, "int16", -1.0),
+            "battery_remaining": np.full(time_us.size, -1, np.int8),
+        },
+    )
+
+
 def system_time(time_us: Ints, utc_us: Ints) -> Series:
     """SYSTEM_TIME: UTC of the moments `time_us`."""
     stamp: dict[str, NDArray[Any]] = {"time_boot_ms": milliseconds(time_us)}

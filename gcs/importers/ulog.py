@@ -42,7 +42,7 @@ TOPICS = (
     *("vehicle_status", "vtol_vehicle_status", "actuator_armed", "sensor_combined", "vehicle_acceleration"),
     *("vehicle_angular_velocity", "vehicle_magnetometer", "vehicle_air_data", "differential_pressure", "airspeed"),
     *("airspeed_validated", "vehicle_attitude", "vehicle_gps_position", "sensor_gps", "vehicle_local_position"),
-    *("distance_sensor", "rpm", "esc_status", "actuator_outputs", "input_rc"),
+    *("distance_sensor", "rpm", "esc_status", "battery_status", "actuator_outputs", "input_rc"),
 )
 
 
@@ -89,6 +89,7 @@ class _Mapping:
             self._local_position,
             self._range,
             self._rpm,
+            self._battery,
             self._servos,
             self._rc,
             self._vtol,
@@ -320,6 +321,12 @@ class _Mapping:
             return []
         speed = topic.values("rpm_estimate", "indicated_frequency_rpm", "esc[0].esc_rpm")
         return [Series("RPM", topic.time_us, {"rpm1": speed.astype(np.float32)})]
+
+    def _battery(self) -> list[Series]:
+        topic = self._topic("battery_status", "voltage_v", "current_a")
+        return (
+            [] if topic is None else [make.battery(topic.time_us, topic.values("voltage_v"), topic.values("current_a"))]
+        )
 
     def _servos(self) -> list[Series]:
         series = []

@@ -18,7 +18,7 @@ Result = Mapping[str, Any]
 _PERTURBATIONS = {
     "mass_1pct": "mass 1 %", "inertia_5pct": "inertia 5 %", "density_2pct": "density 2 %",
     "linkage_5pct": "linkage gain 5 %",
-    "thrust_5pct": "thrust 5 %",
+    "thrust_5pct": "thrust 5 %", "battery_efficiency": "efficiency from battery to air",
 }  # fmt: skip
 _MAIN = ("CL_alpha", "CD_0", "Cm_alpha", "Cm_q", "Cl_p", "Cn_beta")
 _SCORES = {

@@ -8,7 +8,7 @@ while a reading stands still the load may be anywhere within the width. Chosen i
     load = reading + s width / 2
 
 with s = 1 where the reading rises and -1 where it falls, which is exact, and a straight line from one to the other
-while it stands between the two. s follows from the reading alone (`sysid.signals.thrust_denoising`), so the load is
+while it stands between the two. s follows from the reading alone (`sysid.signals.thrust.denoising`), so the load is
 linear in the width.
 """
 

@@ -45,7 +45,9 @@ class Propulsion:
     max_thrust: N at full throttle. CT, CQ: (advance ratio, coefficient) points, or a polynomial, or empty.
     tau: first-order lag from throttle to thrust, or to propeller speed where CT is known, s.
     moving_mass: kg hanging on the thrust sensor; moving_mass_known: whether it was given. max_rpm: 1/min at full
-    throttle.
+    throttle. voltage: of the battery, V, at which max_thrust and max_rpm hold; None where it does not count.
+    pitch: of the propeller, m. efficiency: share of the battery's power that motor and controller give to the shaft,
+    None where it is not given; efficiency_std: its standard deviation.
     """
 
     line: Vector = (0.0, 0.0, 0.0)
@@ -60,6 +62,10 @@ class Propulsion:
     max_rpm: float | None = None
     line_known: bool = True
     line_std: float | None = None
+    pitch: float | None = None
+    voltage: float | None = None
+    efficiency: float | None = None
+    efficiency_std: float | None = None
     moving_mass_known: bool = True
 
     @property
@@ -183,10 +189,22 @@ def read_propulsion(table: Table) -> Propulsion:
         moving_mass=table.number("moving_mass", 0.0, low=0.0),
         moving_mass_known=table.optional("moving_mass"),
         max_rpm=table.optional_number("max_rpm", above=0.0),
+        pitch=table.optional_number("pitch", above=0.0),
+        voltage=table.optional_number("voltage", above=0.0),
+        efficiency=table.optional_number("efficiency", above=0.0),
+        efficiency_std=table.optional_number("efficiency_std", above=0.0),
     )
     table.close()
-    if propulsion.max_thrust is None and not propulsion.CT:
-        raise table.error("max_thrust", "is missing; give it, or CT over advance ratio with diameter")
+    if propulsion.max_thrust is None and not propulsion.CT and propulsion.pitch is None:
+        raise table.error(
+            "max_thrust",
+            "is missing; give it, or CT over advance ratio with diameter, or diameter and pitch for thrust by the"
+            " battery's voltage and current",
+        )
+    if (propulsion.efficiency or 0.0) >= 1.0:
+        raise table.error("efficiency", "is a share of the battery's power: above 0, below 1 (0.76 is usual)")
+    if propulsion.pitch is not None and propulsion.diameter is None:
+        raise table.error("diameter", "is missing; pitch needs it")
     if (propulsion.CT or propulsion.CQ) and propulsion.diameter is None:
         raise table.error("diameter", "is missing; CT and CQ need it")
     return propulsion

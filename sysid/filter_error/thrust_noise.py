@@ -20,7 +20,7 @@ from sysid.problem.estimation_problem import Problem
 from sysid.signals.calibration import Calibration
 from sysid.signals.preparation import Prepared
 from sysid.signals.record import Record
-from sysid.signals.thrust_denoising import DOUBTED_TERMS, NO_NOISE
+from sysid.signals.thrust.denoising import DOUBTED_TERMS, NO_NOISE
 
 # A part of an error that is smaller than this everywhere moves nothing, N.
 _LEAST_N = 1e-6

@@ -18,6 +18,7 @@ from sysid.signals.flight import BY_ATTITUDE, FlightSignals, Signal, repeats
 from sysid.signals.preparation import Prepared, prepare
 from sysid.signals.record import SURFACES
 from sysid.signals.sensor_groups import ATTITUDE, ESSENTIAL, GYRO, IMU
+from sysid.signals.thrust.electric import with_electric_thrust
 
 # Lost samples over so long are bridged, s.
 _BRIDGED_S = 2.0
@@ -67,7 +68,7 @@ def meant(
 ) -> RepairedFlight:
     """A flight without mistakes that no owner would doubt (sysid.signal_check.corrected_faults). Raises SysidError."""
     airflow = with_airspeed(without_dead(flight), vehicle)
-    flight = airflow.signals
+    flight = with_electric_thrust(airflow.signals, vehicle)
     found = prepared_flight(flight, vehicle, start_s, stop_s)
     while (thrusting := without_dead_thrust(flight, found.prepared)) is not flight:
         flight, found = thrusting, prepared_flight(thrusting, vehicle, start_s, stop_s)

@@ -46,7 +46,8 @@ from sysid.posterior.start_values import equation_error_starts, usual_starts
 from sysid.posterior.stated_priors import Stated, declared, of_aircraft, zero_stds
 from sysid.problem.model_structure import is_longitudinal, usual_size
 from sysid.signals.record import SURFACES
-from sysid.signals.thrust_source import MOTORS
+from sysid.signals.thrust.electric import thrust_doubt
+from sysid.signals.thrust.source import BATTERY, MOTORS
 
 # Standard deviation of a command, rad, below which it has excited nothing; and below which its surface stood still,
 # or so many times what a measured position resolves: of a motion as small as its noise the noise makes too much. What
@@ -271,7 +272,7 @@ def estimate(
         stated = {
             **_alike(found),
             **declared(vehicle, group, parts[0].messages),
-            **_thrust_prior(parts),
+            **_thrust_prior(parts, vehicle),
             **_rounding_prior(parts),
         }
         try:
@@ -360,11 +361,13 @@ def _likelier_flow(begin: Callable[..., _GroupSearch], near: Mapping[str, float]
     return begun
 
 
-def _thrust_prior(parts: Sequence[FlightPart]) -> dict[str, Stated]:
+def _thrust_prior(parts: Sequence[FlightPart], vehicle: Vehicle) -> dict[str, Stated]:
     """How well thrust is known where no sensor measures it; the throttle's stands among what was taken as known."""
     sources = {part.thrust_from for part in parts}
     if sources <= {"throttle", ""}:
         return {"thrust_error": (0.0, 0.0)}
+    if BATTERY in sources and vehicle.propulsion is not None:
+        return {"thrust_error": (None, thrust_doubt(vehicle.propulsion))}
     return {"thrust_error": (None, THRUST_BY_SPEED_STD)} if {"rpm", MOTORS} & sources else {}
 
 

@@ -20,10 +20,11 @@ from sysid.posterior.observations import Channel, CommonGrid, bursts, common_gri
 from sysid.posterior.residual_spectrum import HIGHEST_HZ, NYQUIST_SHARE, WHOLE_HZ, WHOLE_SHARE
 from sysid.posterior.smoothing import HALF_SAMPLES, Airspeed, airspeed_alone, airspeed_through, expected, smoothed
 from sysid.posterior.stated_priors import airspeed_lag
-from sysid.signals.flight import FlightSignals
+from sysid.signals.flight import FlightSignals, finite
 from sysid.signals.record import SURFACES
 from sysid.signals.sensor_groups import ESSENTIAL, IMU
-from sysid.signals.thrust_source import MOTORS, behind_motor, dead_thrust, thrust_in_air
+from sysid.signals.thrust.electric import BY_BATTERY
+from sysid.signals.thrust.source import BATTERY, MOTORS, behind_motor, dead_thrust, thrust_in_air
 
 # Step of the simulation, s; residuals are compared at no finer steps than the second.
 STEP_S, COMMON_STEP_S = 0.01, 0.02
@@ -112,17 +113,6 @@ def held_between(part: FlightPart) -> FlightPart:
     if part.position or not curves or part.command_interval_s > LOOP_INTERVAL_S:
         return part
     return replace(part, inputs={**part.inputs, **{name: replace(part.inputs[name], kind="held") for name in curves}})
-
-
-def finite(signals: FlightSignals, name: str, begin: float, end: float) -> tuple[Array, Array]:
-    """Stamps and values of the samples of a signal that carry a number, in order, from begin to end [s]."""
-    if name not in signals.signals:
-        return np.zeros(0), np.zeros(0)
-    one = signals.signals[name]
-    good = np.isfinite(one.time_s) & np.isfinite(one.values) & (one.time_s >= begin) & (one.time_s <= end)
-    time_s, values = one.time_s[good], one.values[good]
-    later = np.concatenate(([True], np.diff(np.maximum.accumulate(time_s)) > 0.0)) if time_s.size else good[:0]
-    return time_s[later], values[later]
 
 
 def inputs_of(
@@ -306,6 +296,9 @@ def _thrust(
         return np.asarray(_smooth((time_s, values), grid, _HALF_S["thrust"]) + moving * ahead), "thrust"
     if propulsion is None:
         return np.zeros(grid.size), ""
+    time_s, values = finite(signals, BY_BATTERY, *span)
+    if time_s.size >= 10:
+        return _smooth((time_s, values), grid, _HALF_S["thrust"]), BATTERY
     time_s, values = finite(signals, "rpm", *span)
     if time_s.size >= 10 and propulsion.by_rpm:
         return thrust_in_air(_smooth((time_s, values), grid, _HALF_S["thrust"]), airspeed, rho, vehicle), "rpm"

@@ -23,7 +23,7 @@ from sysid.problem.free_run import Fixed
 from sysid.signals.flight import FlightData
 from sysid.signals.record import OUTPUTS, STATES, Record, effects_at, held_by_dead_band, with_other_inputs
 from sysid.signals.sensor_mounting import SensorMounting
-from sysid.signals.thrust_source import lagged_throttle
+from sysid.signals.thrust.source import lagged_throttle
 
 # Band of the motion: rate derivatives are taken, and forces compared, below it.
 CUTOFF_HZ = 8.0

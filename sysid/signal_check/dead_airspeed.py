@@ -16,7 +16,7 @@ from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.errors import SignalError
 from sysid.numerics.normal_equations import inverse
-from sysid.signals.flight import FlightSignals, Signal, repeats
+from sysid.signals.flight import FlightSignals, Signal, at_stamps, finite, repeats
 
 BY_GPS = "GPS velocity, wind and accelerometers"
 # Grid on which speeds are put together, s, and the frequency below which GPS is believed, above it accelerometers, Hz.
@@ -90,38 +90,22 @@ def _said(signals: FlightSignals, words: str, airspeed: Signal | None = None) ->
     return replace(signals, signals=kept, warnings=(*signals.warnings, f"airspeed repeats one value: {words}"))
 
 
-def _finite(signals: FlightSignals, name: str) -> tuple[Array, Array] | None:
-    one = signals.signals.get(name)
-    if one is None:
-        return None
-    good = np.isfinite(one.values) & np.isfinite(one.time_s)
-    return (one.time_s[good], one.values[good]) if good.sum() > 1 else None
-
-
 def _grid(signals: FlightSignals) -> Array:
     """Even times at which all is measured that says how the motion changes; none where something is missing."""
-    spans = [found[0] for name in _NEEDED if (found := _finite(signals, name)) is not None]
+    spans = [found[0] for name in _NEEDED if (found := finite(signals, name))[0].size > 1]
     if len(spans) < len(_NEEDED):
         return np.empty(0)
     begin, end = max(one[0] for one in spans), min(one[-1] for one in spans)
     return np.arange(begin, end, _STEP_S) if end - begin > 1.0 / _CROSSING_HZ / 4.0 else np.empty(0)
 
 
-def _at(signals: FlightSignals, name: str, time_s: Array, otherwise: float = 0.0) -> Array:
-    found = _finite(signals, name)
-    if found is None or repeats(found[1]):
-        return np.full(time_s.size, otherwise)
-    values = np.unwrap(found[1]) if name in ("phi", "psi") else found[1]
-    return np.asarray(np.interp(time_s, found[0], values))
-
-
 def _density(signals: FlightSignals, time_s: Array, vehicle: Vehicle) -> Array:
-    return _at(signals, "air_density", time_s, vehicle.environment.air_density or SEA_LEVEL_DENSITY)
+    return at_stamps(signals, "air_density", time_s, vehicle.environment.air_density or SEA_LEVEL_DENSITY)
 
 
 def _speed_changes(signals: FlightSignals, time_s: Array, vehicle: Vehicle) -> Array:
     """(N,) m/s, changes of airspeed faster than `_CROSSING_HZ` by what the accelerometers feel along the path."""
-    ax, ay, az, phi, theta, alpha, beta = (_at(signals, name, time_s) for name in (*_NEEDED, "alpha", "beta"))
+    ax, ay, az, phi, theta, alpha, beta = (at_stamps(signals, name, time_s) for name in (*_NEEDED, "alpha", "beta"))
     g = vehicle.environment.gravity
     along = (ax - g * np.sin(theta)) * np.cos(alpha) * np.cos(beta)
     along += (ay + g * np.cos(theta) * np.sin(phi)) * np.sin(beta)
@@ -141,11 +125,10 @@ def _slow(values: Array) -> Array:
 
 def _speed_by_gps(signals: FlightSignals, time_s: Array) -> tuple[Array, float] | None:
     """(N,) m/s, the airspeed's slow part by the velocity over ground less the wind, and its standard deviation, m/s."""
-    ground = [_finite(signals, name) for name in ("vn", "ve")]
-    if any(one is None for one in ground) or _finite(signals, "psi") is None:
+    if any(finite(signals, name)[0].size < 2 for name in ("vn", "ve", "psi")):
         return None
-    north, east = (_at(signals, name, time_s) for name in ("vn", "ve"))
-    theta, psi, beta = (_at(signals, name, time_s) for name in ("theta", "psi", "beta"))
+    north, east = (at_stamps(signals, name, time_s) for name in ("vn", "ve"))
+    theta, psi, beta = (at_stamps(signals, name, time_s) for name in ("theta", "psi", "beta"))
     level, course = np.cos(theta), psi + beta
     dn, de = np.cos(course), np.sin(course)
     fast = np.hypot(north, east) > _LEAST_SPEED

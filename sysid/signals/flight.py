@@ -147,6 +147,60 @@ class FlightSignals:
             )
 
 
+def finite(signals: FlightSignals, name: str, begin: float = -np.inf, end: float = np.inf) -> tuple[Array, Array]:
+    """Samples of a signal that carry a number, in the order of their stamps.
+
+    Parameters
+    ----------
+    signals : FlightSignals
+        A flight.
+    name : str
+        The signal.
+    begin, end : float
+        From where to where, s.
+
+    Returns
+    -------
+    time_s : Array, shape (N,)
+        Stamps, s, each later than the one before; empty where the flight has no such signal.
+    values : Array, shape (N,)
+        In the signal's unit.
+    """
+    if name not in signals.signals:
+        return np.zeros(0), np.zeros(0)
+    one = signals.signals[name]
+    good = np.isfinite(one.time_s) & np.isfinite(one.values) & (one.time_s >= begin) & (one.time_s <= end)
+    time_s, values = one.time_s[good], one.values[good]
+    later = np.concatenate(([True], np.diff(np.maximum.accumulate(time_s)) > 0.0)) if time_s.size else good[:0]
+    return time_s[later], values[later]
+
+
+def at_stamps(signals: FlightSignals, name: str, time_s: Array, otherwise: float = 0.0) -> Array:
+    """A signal at other stamps, between its own by straight lines.
+
+    Parameters
+    ----------
+    signals : FlightSignals
+        A flight.
+    name : str
+        The signal; phi and psi are unwrapped.
+    time_s : Array, shape (N,)
+        Stamps, s.
+    otherwise : float
+        What stands for a signal that is missing or repeats one value.
+
+    Returns
+    -------
+    Array, shape (N,)
+        In the signal's unit.
+    """
+    stamps, values = finite(signals, name)
+    if values.size < 2 or repeats(values):
+        return np.full(time_s.size, otherwise)
+    values = np.unwrap(values) if name in ("phi", "psi") else values
+    return np.asarray(np.interp(time_s, stamps, values))
+
+
 @dataclass(frozen=True)
 class FlightData:
     """One flight on one uniform time base.

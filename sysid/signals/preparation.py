@@ -20,7 +20,7 @@ from sysid.signals.redundant_sensors import combined_sensors
 from sysid.signals.resampling import resample
 from sysid.signals.segments import FlightSegment, find_segments
 from sysid.signals.sensor_mounting import SensorMounting, sensor_mounting
-from sysid.signals.thrust_source import MOTORS, ThrustSource, dead_thrust, with_motors
+from sysid.signals.thrust.source import BATTERY, ThrustSource, dead_thrust, with_motors
 
 NEEDED = ("ax", "ay", "az", "p", "q", "r", "phi", "theta", "airspeed")
 # Longest stretch taken as one; more than that per flight is cut up, not left out.
@@ -197,16 +197,21 @@ def _most_moved(data: FlightData, spans: list[tuple[FlightSegment, int, int]]) -
 def unmeasured_thrust(prepared: Sequence[Prepared], known_by_rpm: float | None = None) -> list[str]:
     """What follows where thrust is not measured, one line for each source of it.
 
-    known_by_rpm: share to which thrust by the propeller's speed was known, where its error is estimated.
+    known_by_rpm: share to which thrust by the propeller's speed was known, where its error is estimated, as is that of
+    thrust by the battery's power.
     """
     sources = dict.fromkeys(
-        flight.thrust_source for flight in prepared if flight.thrust_source.signal in ("rpm", "throttle", MOTORS)
+        flight.thrust_source for flight in prepared if flight.thrust_source.signal and not flight.thrust_source.measured
     )
-    counted = "the bars hold an error of 5 % of it (thrust_5pct)"
-    estimated = f"one gain for all of it is estimated, known to {known_by_rpm or 0.0:.0%} before"
+    known = {"rpm": known_by_rpm or 0.0}
+    estimated = "one gain for all of it is estimated, known to {:.0%} before"
     return [
         f"thrust {source}, not measured: its errors become errors of drag, and of lift by the sine of alpha; "
-        f"{estimated if known_by_rpm and source.signal == 'rpm' else counted}"
+        + (
+            estimated.format(known.get(source.signal, source.std))
+            if known_by_rpm and source.signal in ("rpm", BATTERY)
+            else f"the bars hold an error of {source.std:.0%} of it ({source.doubt})"
+        )
         for source in sources
     ]
 

@@ -20,8 +20,10 @@ from sysid.numerics.fractional_delay import held_back
 from sysid.numerics.smoothing import fourier_smooth
 from sysid.signals.flight import FlightData
 from sysid.signals.height import height_above_ground, height_in_flight
-from sysid.signals.thrust_denoising import NO_NOISE, AirspeedLaw, Denoised, Passed, denoised_thrust, way_of
-from sysid.signals.thrust_source import (
+from sysid.signals.thrust.denoising import NO_NOISE, AirspeedLaw, Denoised, Passed, denoised_thrust, way_of
+from sysid.signals.thrust.electric import BY_BATTERY
+from sysid.signals.thrust.source import (
+    BATTERY,
     MEASURED,
     MOTORS,
     THRUST_BY_SQUARE,
@@ -90,7 +92,7 @@ class Record:
     follows the airspeed that is simulated, and airspeed: (M,) m/s, the one that it has in `thrust`; None and (0,) where
     it does not. heights: (M,) m above the ground, and relative_height: (M,) m above the middle of the flight, each (0,)
     where it is not known. hysteresis_direction: (M,) the way in which the thrust sensor's reading moves
-    (`sysid.signals.thrust_denoising`); (0,) without one. command_history: (L, 3) commands of the surfaces before those
+    (`sysid.signals.thrust.denoising`); (0,) without one. command_history: (L, 3) commands of the surfaces before those
     above, which a servo with a dead band may still hold. thrust_noise: what noise is left in `thrust`.
     joined: whether the log holds positions of the surfaces: `commands` are then means from each sample to the next,
     and positions: (M, 3) rad, where they were at the samples; (0, 3) where that is not known.
@@ -421,6 +423,8 @@ def _make_record(
     commands, rotor_doubt = with_rotor_speed(commands, speed, vehicle, data.interval_s)
     airspeed = filled(data["airspeed"])[first:stop] if "airspeed" in data else None
     thrust = np.full(stop - first, np.nan)
+    if source.signal == BATTERY:
+        thrust = filled(data[BY_BATTERY])[first:stop]
     if source.signal == "thrust":
         thrust = filled(data["thrust"])[first:stop]
         way = way_of(thrust, data.interval_s)

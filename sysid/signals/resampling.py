@@ -22,8 +22,9 @@ from sysid.signals.rounding import unrounded
 
 IMU = ("ax", "ay", "az", "p", "q", "r")
 ANGLES = ("phi", "theta", "psi")
-# A satellite receiver's samples are outputs to compare with, never regressors: between them there is nothing.
-SPARSE = ("lat", "lon", "vn", "ve", "vd")
+# A satellite receiver's samples are outputs to compare with, never regressors, and a battery's are read before
+# (sysid.signals.thrust.electric): between them there is nothing.
+SPARSE = ("lat", "lon", "vn", "ve", "vd", "battery_voltage", "battery_current")
 HELD = ("de", "da", "dr", "throttle")
 GAP_S = 0.1  # s without a sample that are a gap
 # No quantity of a flight is larger in SI units, no stamp later; what is, is a broken message.

@@ -20,6 +20,7 @@ SIGNAL_UNITS: dict[str, str] = {
     **dict.fromkeys(("airspeed", "true_airspeed", "vn", "ve", "vd"), "m/s"),
     **dict.fromkeys(("differential_pressure", "static_pressure"), "Pa"),
     **{"temperature": "K", "air_density": "kg/m^3", "altitude": "m", "height": "m", "thrust": "N", "rpm": "1/min"},
+    **{"battery_voltage": "V", "battery_current": "A"},
     **dict.fromkeys(("de", "da", "dr"), "rad"),
     "throttle": "1",
     **{f"servo{number}": "us" for number in range(1, 17)},
@@ -83,6 +84,8 @@ USUAL_NAMES: dict[str, tuple[str, ...]] = {
     "vd": ("vd", "v_down", "vel_d", "vel_down", "velocity_down", "down_velocity", "gps_vd"),
     "thrust": ("thrust", "engine_thrust", "propeller_thrust"),
     "rpm": ("rpm", "motor_rpm", "engine_rpm", "propeller_rpm", "engn1"),
+    "battery_voltage": ("battery_voltage", "voltage", "vbat", "battery_v", "bat_volt", "voltage_v", "vbatlatest"),
+    "battery_current": ("battery_current", "current", "battery_a", "bat_curr", "current_a", "amperagelatest"),
     "de": (
         "de",
         "elevator",

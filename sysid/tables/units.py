@@ -72,6 +72,7 @@ _UNITS: dict[str, Unit] = {
     **{text: Unit("1", 1.0) for text in ("1", "norm", "-", "ratio", "none", "unitless")},
     **{text: Unit("1", 0.01) for text in ("%", "pct", "percent")},
     **_all("V", v=1.0, volt=1.0, mv=1e-3),
+    **_all("A", a=1.0, amp=1.0, ma=1e-3, ca=0.01),
 }
 # Written alike, and different things by what is measured: (unit, SI unit wanted) -> what it is then.
 _BY_WANT: dict[tuple[str, str], Unit] = {

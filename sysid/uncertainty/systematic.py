@@ -30,7 +30,7 @@ from sysid.output_error.linearisation import OutputErrorLinearisation
 from sysid.problem.estimation_problem import Problem
 from sysid.problem.vehicle_errors import DENSITY, DENSITY_SHARE, doubts_of_mass, heavier
 from sysid.signals.record import Record, angle_wrap
-from sysid.signals.thrust_source import THRUST_BY_SQUARE
+from sysid.signals.thrust.source import BATTERY, THRUST_BY_SQUARE
 
 DELAY_S = 0.010  # s by which commands may be late without anybody's knowing
 SHARE = 1e-3  # of each perturbation, over which the estimate moves linearly
@@ -62,10 +62,11 @@ def _stronger(vehicle: Vehicle) -> Vehicle:
 
 
 def _stronger_known(record: Record) -> Record:
-    """Thrust that followed from the propeller's speed before the simulation."""
-    if record.thrust_source.law != THRUST_BY_SQUARE:
+    """Thrust that followed from the propeller's speed or the battery's power before the simulation."""
+    source = record.thrust_source
+    if source.law != THRUST_BY_SQUARE and source.signal != BATTERY:
         return record
-    return replace(record, thrust=1.05 * record.thrust)
+    return replace(record, thrust=(1.0 + source.std) * record.thrust)
 
 
 def _later_commands(record: Record) -> Record:
@@ -80,6 +81,7 @@ LINKAGE = Perturbation("linkage_5pct", record=_more_travel)
 # Where thrust is not measured: a propeller's published coefficients hold to about this for the next one of its kind. It
 # is the whole of it.
 THRUST = Perturbation("thrust_5pct", vehicle=_stronger, record=_stronger_known)
+BATTERY_THRUST = Perturbation("battery_efficiency", record=_stronger_known)
 LATE = Perturbation("timing_10ms", record=_later_commands)  # the whole of it
 _REPEATED_STEPS = 12  # of Gauss-Newton, from the estimate
 # Seconds of flight on which an estimation is repeated.
@@ -101,7 +103,8 @@ def linear(vehicle: Vehicle) -> tuple[Perturbation, ...]:
 
 def repeated(records: Sequence[Record]) -> tuple[Perturbation, ...]:
     """Those that do not fit, with which an estimation is made again: the thrust's only where it was not measured."""
-    return (LATE,) if all(record.thrust_source.measured for record in records) else (LATE, THRUST)
+    unmeasured = {record.thrust_source.doubt for record in records if not record.thrust_source.measured}
+    return (LATE, *(one for one in (THRUST, BATTERY_THRUST) if one.name in unmeasured))
 
 
 def systematic_errors(here: OutputErrorLinearisation) -> dict[str, dict[str, float]]:

@@ -29,7 +29,7 @@ from sysid.output_error.linearisation import OutputErrorLinearisation
 from sysid.problem.estimation_problem import Problem
 from sysid.problem.predictor import Predictor, free_states
 from sysid.signals.record import OUTPUTS, STATES, Record, angle_wrap
-from sysid.signals.thrust_denoising import denoised_thrust
+from sysid.signals.thrust.denoising import denoised_thrust
 
 _AHEAD = STATES.index("u")
 # What stands between the airspeed and its reading beside the sensor's bias and scale.

@@ -50,7 +50,7 @@ def sections(docstring: str) -> dict[str, list[str]]:
     places = [
         i for i, line in enumerate(lines[:-1]) if line in SECTIONS and lines[i + 1] == "-" * len(line)
     ]  # fmt: skip
-    for begin, end in zip(places, [*places[1:], len(lines)], strict=True):
+    for begin, end in zip(places, [*places, len(lines)][1:], strict=True):
         found[lines[begin]] = lines[begin + 2 : end]
     return found
 

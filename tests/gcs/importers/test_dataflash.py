@@ -371,3 +371,15 @@ def test_a_sensor_that_is_alone_stays_and_its_flag_is_said(tmp_path: Path) -> No
     flight = extract(imported(tmp_path, log), load_vehicle("iitb-mav"))
     np.testing.assert_allclose(flight.signals["az"].values, -9.8, rtol=1e-6)
     assert any(line.endswith("no other was healthy: taken as it is") for line in flight.warnings)
+
+
+def test_the_battery_is_a_signal(tmp_path: Path) -> None:
+    log = DataflashWriter()
+    log.declare("BAT", "QBfff", "TimeUS,Inst,Volt,VoltR,Curr")
+    log.declare("ATT", "QccccC", "TimeUS,DesRoll,Roll,DesPitch,Pitch,Yaw")
+    for i in range(20):
+        log.add("BAT", BOOT_US + 100_000 * i, 0, 12.34, 12.5, 7.89 if i else -1.0)
+        log.add("ATT", BOOT_US + 100_000 * i, 0.0, 10.0, 0.0, -2.5, 350.0)
+    signals = extract(imported(tmp_path, log), load_vehicle("iitb-mav")).signals
+    np.testing.assert_allclose(signals["battery_voltage"].values, 12.34, atol=1e-9)
+    np.testing.assert_allclose(signals["battery_current"].values[1:], 7.89, atol=1e-9)

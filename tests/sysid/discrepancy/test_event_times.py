@@ -18,8 +18,8 @@ from sysid.problem.predictor import Predictor
 from sysid.signals.flight import FlightData
 from sysid.signals.height import height_above_ground, height_in_flight
 from sysid.signals.record import OUTPUTS, Record, effects_at, held_by_dead_band, with_other_inputs
-from sysid.signals.thrust_denoising import way_of
-from sysid.signals.thrust_source import ThrustSource
+from sysid.signals.thrust.denoising import way_of
+from sysid.signals.thrust.source import ThrustSource
 
 Array = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.filter_error.thrust_noise import with_thrust_errors
 from sysid.problem.estimation_problem import Motion, Problem
 from sysid.signals.record import OUTPUTS, Record
-from sysid.signals.thrust_denoising import Denoised, denoised_thrust
+from sysid.signals.thrust.denoising import Denoised, denoised_thrust
 
 Array = NDArray[np.float64]
 

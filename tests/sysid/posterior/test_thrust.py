@@ -14,7 +14,7 @@ from sim_vehicle.model.model_file import read_model
 from sim_vehicle.vehicle.vehicle_file import load_vehicle
 from sysid.identify import identify
 from sysid.signals.flight import FlightSignals
-from sysid.signals.thrust_source import thrust_in_air
+from sysid.signals.thrust.source import thrust_in_air
 
 
 def test_a_propeller_turns_into_thrust_by_its_advance_ratio() -> None:

@@ -14,7 +14,7 @@ from sim_vehicle.vehicle.vehicle_file import Vehicle, load_vehicle
 from sysid.errors import SignalError
 from sysid.signals.flight import FlightData
 from sysid.signals.record import OUTPUTS
-from sysid.signals.thrust_source import thrust_source
+from sysid.signals.thrust.source import thrust_source
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from sysid.signals.thrust_denoising import denoised_thrust, smooth_series
+from sysid.signals.thrust.denoising import denoised_thrust, smooth_series
 
 Array = NDArray[np.float64]
 

@@ -19,10 +19,14 @@ from sysid.errors import SignalError
 from sysid.numerics.filters import first_order_lag
 from sysid.numerics.smoothing import fourier_smooth
 from sysid.signals.flight import FlightData, repeats
-from sysid.signals.thrust_denoising import Denoised, denoised_thrust
+from sysid.signals.thrust.denoising import Denoised, denoised_thrust
+from sysid.signals.thrust.electric import BY_BATTERY, LAW, thrust_doubt
 
-# Source of thrust where several motors have throttles of their own.
-MOTORS = "motors"
+# Source of thrust where several motors have throttles of their own, and where the battery's power gives it.
+MOTORS, BATTERY = "motors", "battery power"
+# Share by which a thrust that is not measured may be wrong: a propeller's published coefficients hold to about this for
+# the next one of its kind.
+USUAL_DOUBT = 0.05
 THRUST_BY_SQUARE = "max_thrust (rpm / max_rpm)^2"
 # Share of the flight through which a signal must be there to be used as an input.
 _PRESENT = 0.9
@@ -34,13 +38,20 @@ _AIRSPEED_HZ = 1.0
 
 @dataclass(frozen=True)
 class ThrustSource:
-    """signal: "thrust" (measured), "rpm", "throttle" or "motors"; "" where thrust is not known, and `missing` says why.
-    law: how thrust follows from it, "" where it is measured.
+    """signal: "thrust" (measured), "rpm", "throttle", "motors" or "battery power"; "" where thrust is not known, and
+    `missing` says why. law: how thrust follows from it, "" where it is measured. std: share by which all of it may be
+    wrong.
     """
 
     signal: str
     law: str = ""
     missing: str = ""
+    std: float = USUAL_DOUBT
+
+    @property
+    def doubt(self) -> str:
+        """What results call that error."""
+        return "battery_efficiency" if self.signal == BATTERY else "thrust_5pct"
 
     @property
     def measured(self) -> bool:
@@ -84,13 +95,18 @@ def thrust_source(data: FlightData, vehicle: Vehicle) -> ThrustSource:
         return MEASURED
     if propulsion is not None and vehicle.motors and _present(data, "motor_thrust"):
         return ThrustSource(MOTORS, propulsion.by_throttle)
+    if propulsion is not None and _present(data, BY_BATTERY):
+        return ThrustSource(BATTERY, LAW, std=thrust_doubt(propulsion))
     if propulsion is not None and propulsion.by_rpm and _present(data, "rpm"):
         return ThrustSource("rpm", propulsion.by_rpm)
     if propulsion is not None and propulsion.by_throttle and _present(data, "throttle"):
         return ThrustSource("throttle", propulsion.by_throttle)
     there = [name for name in ("rpm", "throttle") if _present(data, name)]
     if there:
-        needs = "CT with diameter (and max_rpm, if there is no rpm), or max_thrust"
+        needs = (
+            "CT with diameter (and max_rpm, if there is no rpm), or max_thrust; or diameter and pitch, where the"
+            " battery's voltage and current are logged"
+        )
         why = f"the flight has {' and '.join(there)}, the vehicle file no law for it: give [propulsion] {needs}"
         return ThrustSource("", missing=why)
     why = "the flight has neither a thrust signal nor rpm nor a throttle"
@@ -146,7 +162,18 @@ def with_motors(data: FlightData, vehicle: Vehicle) -> FlightData:
 
 
 def filled(values: Array) -> Array:
-    """Gaps of an input filled by the last value before them (a held command stays where it was)."""
+    """Gaps of an input filled by the last value before them: a held command stays where it was.
+
+    Parameters
+    ----------
+    values : Array, shape (N,)
+        In any unit, NaN in gaps.
+
+    Returns
+    -------
+    Array, shape (N,)
+        In that unit; what comes before the first value is that value, and all is 0 where there is none.
+    """
     good = np.isfinite(values)
     if good.all():
         return values
@@ -246,12 +273,29 @@ def lagged_throttle(commands: Array, interval_s: float, tau: float) -> Array:
 def with_rotor_speed(
     commands: Array, speed: Denoised | None, vehicle: Vehicle, interval_s: float
 ) -> tuple[Array, Array]:
-    """Commands (M, 4) whose throttle gives the measured propeller speed, and the errors (K, M) that the counter's noise
-    leaves in that throttle, each of one standard deviation.
+    """Commands whose throttle gives the measured propeller speed.
 
     The simulation passes a held throttle through the motor's lag; here that lag is undone, so that the propeller turns
     as measured at every sample. Without a counter the throttle stays as commanded; where CQ is known but nothing gives
     the propeller's speed, it counts as standing, without torque.
+
+    Parameters
+    ----------
+    commands : Array, shape (M, 4)
+        Commands de, da, dr, rad, and throttle, dimensionless.
+    speed : Denoised or None
+        Speed of the propeller at the M samples, 1/min; None without a counter.
+    vehicle : Vehicle
+        Vehicle, whose [propulsion] counts.
+    interval_s : float
+        Sample interval, s.
+
+    Returns
+    -------
+    commands : Array, shape (M, 4)
+        As given but for the throttle.
+    errors : Array, shape (K, M)
+        Errors of that throttle that the counter's noise leaves, of one standard deviation each, dimensionless.
     """
     propulsion = vehicle.propulsion
     exact = np.zeros((0, commands.shape[0]))

@@ -21,7 +21,7 @@ from sysid.errors import SignalError
 from sysid.identification.result_file import result_json
 from sysid.identify import Identification, identify
 from sysid.signals.flight import FlightData, FlightSignals
-from sysid.signals.thrust_source import thrust_source
+from sysid.signals.thrust.source import thrust_source
 
 # The published APC 12 x 6E of the University of Minnesota's Ultra Stick 25e, on the paper's aircraft at 7000 rpm.
 CT = Polynomial((0.0604, 0.1089, -0.896, 1.08, -0.4314), (0.0, 0.6))

@@ -292,10 +292,22 @@ def _lagged(command: Array, interval_s: float, lag_s: float | None) -> Array:
 
 
 def way_of(reading: Array, interval_s: float) -> Array:
-    """(N,) 1 where the reading rises, -1 where it falls, and on a straight line between where it stands.
+    """The way in which a reading moves.
 
     The way in which it came, seen forwards in time, holds until the reading has left a turn; that in which it goes on,
     seen backwards, holds from where it came into the turn. Where both agree it moves.
+
+    Parameters
+    ----------
+    reading : Array, shape (N,)
+        In any unit.
+    interval_s : float
+        Sample interval, s.
+
+    Returns
+    -------
+    Array, shape (N,)
+        1 where the reading rises, -1 where it falls, dimensionless, and on a straight line between where it stands.
     """
     if reading.size < _FEWEST or np.ptp(reading) == 0.0:
         return np.zeros(reading.size)
