@@ -10,7 +10,7 @@ from fastapi.responses import PlainTextResponse
 from gcs.api.link_view import seen_by
 from gcs.api.schemas.problem import Problem
 from gcs.api.service import Service, Serving
-from gcs.tuning.tune import parameter_file
+from gcs.tuning.parameter_file import parameter_file
 
 router = APIRouter(tags=["estimation"])
 
@@ -23,8 +23,8 @@ def _sheet(
     request: Request, service: Service, flight_id: str, job: str | None, kind: str, **settings: Any
 ) -> dict[str, Any]:
     service.catalogue.flight(flight_id)
-    result = seen_by(request, service.catalogue.result(flight_id, "identify", job))
-    return service.reports.sheet(kind, result, settings)
+    made_by, result = service.catalogue.job_and_result(flight_id, "identify", job)
+    return {**service.reports.sheet(kind, seen_by(request, result), settings), "job": made_by}
 
 
 @router.get("/api/flights/{flight_id}/tuning", responses=_MISSING)
@@ -57,12 +57,17 @@ def performance(
     service: Serving,
     flight_id: str,
     mass: Annotated[float | None, Query(gt=0.0, lt=1e4, description="kg; the vehicle file's without it")] = None,
-    altitude: Annotated[float, Query(description="m, in the standard atmosphere")] = 0.0,
+    altitude: Annotated[float, Query(ge=-500.0, le=8000.0, description="m, in the standard atmosphere")] = 0.0,
     temperature: Annotated[
-        float | None, Query(description="there, degrees Celsius; the standard one without it")
+        float | None, Query(ge=-60.0, le=60.0, description="there, degrees Celsius; the standard one without it")
+    ] = None,
+    battery: Annotated[
+        float | None, Query(gt=0.0, lt=1e6, description="Wh that it holds: how long and far the aircraft flies")
     ] = None,
     job: OfJob = None,
 ) -> dict[str, Any]:
-    """Glide, sink, climb, ceiling and turn of the aircraft, as `gcs performance --json`: of schema performance/1."""
-    asked = {"mass": mass, "altitude": altitude, "temperature": temperature}
+    """Glide, sink, climb, ceiling and turn of the aircraft, and how long and far a battery lasts where the flight's was
+    read, as `gcs performance --json`: of schema performance/1.
+    """
+    asked = {"mass": mass, "altitude": altitude, "temperature": temperature, "battery": battery}
     return _sheet(request, service, flight_id, job, "performance", **asked)

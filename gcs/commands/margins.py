@@ -22,10 +22,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print the sheet."""
+    from gcs.errors import SettingsError
     from gcs.inspection.info import as_recordings
     from gcs.report.source import read_result
     from gcs.text.jsontext import dumps
     from gcs.text.progress import Progress
+    from gcs.tuning.loops import NoGainsError
     from gcs.tuning.margins import margins, margins_text, parameters_in
 
     result, parameters = read_result(args.result), None
@@ -33,6 +35,11 @@ def run(args: argparse.Namespace) -> int:
         with as_recordings([args.log], args.dialect, None) as paths:
             parameters = parameters_in(paths[0], args.system)
     with Progress() as progress:
-        found = margins(result, args.vehicle, parameters, progress)
+        try:
+            found = margins(result, args.vehicle, parameters, progress)
+        except NoGainsError as error:
+            raise SettingsError(
+                f"{error}: give by --log the recording of a board that has sent its parameters"
+            ) from error
     print(dumps(found, indent=2) if args.json else margins_text(found))
     return 0

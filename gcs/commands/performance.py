@@ -13,12 +13,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--mass", metavar="KG", type=float, help="take-off mass (the vehicle file's)")
     parser.add_argument("--altitude", metavar="M", type=float, default=0.0, help="height in the standard atmosphere")
     parser.add_argument("--temperature", metavar="C", type=float, help="there, in degrees Celsius (the standard one)")
+    parser.add_argument("--battery", metavar="WH", type=float, help="what the battery holds: how long and far it flies")
     parser.add_argument("--json", action="store_true")
 
 
 def run(args: argparse.Namespace) -> int:
     """Print the sheet."""
-    from gcs.exports.exported import Exported, model_of
+    from gcs.exports.exported import Exported, battery_of, model_of
     from gcs.exports.performance import performance, performance_text
     from gcs.text.jsontext import dumps
     from gcs.text.progress import Progress
@@ -26,6 +27,7 @@ def run(args: argparse.Namespace) -> int:
 
     model = Exported(model_of(args.model), load_vehicle(args.vehicle))
     with Progress() as progress:
-        found = performance(model, args.mass, args.altitude, args.temperature, progress)
+        powered = battery_of(args.model)
+        found = performance(model, args.mass, args.altitude, args.temperature, progress, powered, args.battery)
     print(dumps(found, indent=2) if args.json else performance_text(found))
     return 0

@@ -23,7 +23,8 @@ def run(args: argparse.Namespace) -> int:
     from gcs.report.source import read_result
     from gcs.text.jsontext import dumps
     from gcs.text.progress import Progress
-    from gcs.tuning.tune import tune, tuning_text, write_parameters
+    from gcs.tuning.parameter_file import write_parameters
+    from gcs.tuning.tune import tune, tuning_text
 
     with Progress() as progress:
         found = tune(read_result(args.result), args.autopilot, progress)

@@ -7,6 +7,7 @@ from collections.abc import Collection
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from gcs.errors import ExportError
 from gcs.text.meanings import meaning
@@ -107,6 +108,15 @@ def model_of(name_or_path: str) -> Model:
         if isinstance(found, dict) and isinstance(found.get("model"), dict):
             return model_from_json(found["model"], str(path))
     return read_model(name_or_path)
+
+
+def battery_of(name_or_path: str) -> dict[str, Any] | None:
+    """What a result says of its battery; None for a model, and where it was not read."""
+    with suppress(OSError, ValueError):
+        found = json.loads(Path(name_or_path).read_text(encoding="utf-8"))
+        if isinstance(found, dict) and isinstance(found.get("battery"), dict):
+            return dict(found["battery"])
+    return None
 
 
 def described(name: str) -> str:

@@ -16,6 +16,8 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from gcs.errors import ExportError, SettingsError
+from gcs.exports.electric_flight import UNITS as _ELECTRIC
+from gcs.exports.electric_flight import PowerBalance, balance_of, electric_figures
 from gcs.exports.exported import Exported
 from gcs.exports.samples import drawn
 from sim_vehicle.constants import GAS_CONSTANT, STANDARD_GRAVITY
@@ -31,6 +33,7 @@ from sim_vehicle.vehicle.packed_model import flatten_vehicle
 from sim_vehicle.vehicle.propulsion import Propulsion
 from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
+from sysid.signals.thrust.electric import printed_propeller
 
 SAMPLES, SPEEDS = 100, 24
 # Range of speeds over those that were flown, and over the usual one where the model does not say.
@@ -39,7 +42,7 @@ _FINE = 400
 # A climb of less is none: the service ceiling of a light aircraft, m/s; heights are looked at up to here, m.
 _LEAST_CLIMB, _HIGHEST = 0.5, 8000.0
 # Temperatures at which aircraft fly, degrees Celsius, and the zero of that scale, K.
-_COLDEST, _HOTTEST, ZERO_CELSIUS = -60.0, 60.0, 273.15
+_LOWEST, _COLDEST, _HOTTEST, ZERO_CELSIUS = -500.0, -60.0, 60.0, 273.15
 # Thrust that no sensor measured, as the vehicle file has it, is known to this share.
 _THRUST_STD = 0.05
 _SLOW = "lies at or below the slowest speed of the table, beyond which the model is not asked"
@@ -54,7 +57,7 @@ _MOST_DRAWN = 0.95
 _UNITS = {
     "best_glide_ratio": "1", "best_glide_speed": "m/s", "min_sink": "m/s", "min_sink_speed": "m/s",
     "max_climb": "m/s", "max_climb_speed": "m/s", "max_speed": "m/s", "ceiling": "m", "min_turn_radius": "m",
-    "stall_speed": "m/s",
+    "stall_speed": "m/s", **_ELECTRIC,
 }  # fmt: skip
 
 
@@ -84,22 +87,26 @@ def performance(
     altitude: float = 0.0,
     temperature: float | None = None,
     progress: Callable[[float, str], None] = lambda share, text: None,
+    powered: Mapping[str, Any] | None = None,
+    battery: float | None = None,
 ) -> dict[str, Any]:
     """The sheet; the JSON of schema performance/1.
 
     mass: kg, the vehicle file's without it. altitude: m. temperature: degrees Celsius there, the standard atmosphere's
-    without it. Raises SettingsError for what no aircraft has, ExportError or
-    SimVehicleError where the model cannot be trimmed.
+    without it. powered: what a result says of its battery. battery: what another holds, Wh. Raises SettingsError for
+    what no aircraft has, ExportError or SimVehicleError where the model cannot be trimmed.
     """
     if mass is not None and not 0.0 < mass < math.inf:
-        raise SettingsError(f"--mass {mass:g}: give the mass in kg")
-    if not -500.0 <= altitude <= _HIGHEST:
-        raise SettingsError(f"--altitude {altitude:g}: give the height in m, up to {_HIGHEST:g}")
+        raise SettingsError(f"mass {mass:g}: give the mass in kg")
+    if battery is not None and not 0.0 < battery < math.inf:
+        raise SettingsError(f"battery {battery:g}: give the energy that it holds in Wh")
+    if not _LOWEST <= altitude <= _HIGHEST:
+        raise SettingsError(f"altitude {altitude:g}: give the height in m, {_LOWEST:g} to {_HIGHEST:g}")
     warmer = 0.0
     if temperature is not None:
         if not _COLDEST <= temperature <= _HOTTEST:
             raise SettingsError(
-                f"--temperature {temperature:g}: give the temperature in degrees Celsius, {_COLDEST:g} to {_HOTTEST:g}"
+                f"temperature {temperature:g}: give the temperature in degrees Celsius, {_COLDEST:g} to {_HOTTEST:g}"
             )
         warmer = temperature + ZERO_CELSIUS - float(standard_temperature(altitude))
     _require_drag(model)
@@ -107,7 +114,8 @@ def performance(
     speeds = _speeds(model)
     best = _polar(model, speeds, rho, mass)
     warnings = []
-    others: list[tuple[_Polar, float]] = []
+    others: list[tuple[_Polar, float, dict[str, _Figure]]] = []
+    balance = balance_of(powered, printed_propeller(model.vehicle))
     random = np.random.default_rng(1)
     try:
         samples = drawn(model, SAMPLES)
@@ -116,9 +124,12 @@ def performance(
     for number, one in enumerate(samples):
         progress((number + 1.0) / len(samples), "models drawn from the errors")
         try:
-            others.append((_polar(one, best.speed, rho, mass), 1.0 + _THRUST_STD * float(random.standard_normal())))
+            polar = _polar(one, best.speed, rho, mass)
         except SimVehicleError:
             continue
+        stronger, *luck = random.standard_normal(3).tolist()
+        electric = {} if isinstance(balance, str) else _electric(one, polar, balance, rho, (luck[0], luck[1]), battery)
+        others.append((polar, 1.0 + _THRUST_STD * stronger, electric))
     if samples and len(others) < 0.9 * len(samples):
         warnings.append(f"{len(samples) - len(others)} of {len(samples)} models drawn cannot fly level at these speeds")
     limits = model.model.validity
@@ -128,9 +139,15 @@ def performance(
     if doubtful:
         warnings.append(f"not identified, and flown by the mean of a refused estimate: {', '.join(doubtful)}")
     found = {
-        name: _with_errors(name, value, [_figures(model, p, rho, t, warmer) for p, t in others], limits)
+        name: _with_errors(name, value, [_figures(model, p, rho, t, warmer) for p, t, _ in others], limits)
         for name, value in _figures(model, best, rho, 1.0, warmer).items()
     }
+    if isinstance(balance, str):
+        found |= {name: {"refused": balance} for name in _ELECTRIC}
+    else:
+        drawn_ones = [one for _, _, one in others]
+        for name, value in _electric(model, best, balance, rho, (0.0, 0.0), battery).items():
+            found[name] = _with_errors(name, value, drawn_ones, limits)
     if "stall" not in {effect.name for effect in model.model.effects}:
         found["stall_speed"] = {"refused": "no stall was approached: fly one, and let gcs discrepancy find it"}
     if _thrust(model.vehicle, best.speed, rho) is None:
@@ -139,8 +156,8 @@ def performance(
     return {
         "schema": "performance/1", "model": model.model.name, "vehicle": model.vehicle.name,
         "mass": mass or model.vehicle.mass.mass, "altitude": altitude, "temperature": temperature,
-        "air_density": rho, "figures": found,
-        "speeds": _curves(model, best, others, rho), "warnings": warnings,
+        "air_density": rho, "battery": battery, "figures": found,
+        "speeds": _curves(model, best, [polar for polar, _, _ in others], rho), "warnings": warnings,
     }  # fmt: skip
 
 
@@ -212,6 +229,27 @@ def _thrust(vehicle: Vehicle, speeds: Array, rho: float) -> Array | None:
 
 
 _Figure = tuple[float | str, float, float]
+# What is refused of it says why; without a battery's energy nothing is said of how long it lasts.
+_NO_DRAG = "the battery gave less than this model's drag takes: one of both is wrong"
+_NO_BATTERY = "give what the battery holds in Wh"
+
+
+def _electric(
+    model: Exported, polar: _Polar, balance: PowerBalance, rho: float, luck: tuple[float, float], battery: float | None
+) -> dict[str, _Figure]:
+    """What level flight costs the battery: as `_figures`."""
+    CL, CD, alpha = polar.flown()
+    speed = np.sqrt(2.0 * polar.weight / (rho * polar.area * CL))
+    weight = model.vehicle.mass.mass * STANDARD_GRAVITY
+    found = electric_figures(balance, speed, CL, CD, weight, polar.area, rho, luck, battery)
+    figures: dict[str, _Figure] = dict.fromkeys(_ELECTRIC, (_NO_DRAG, 0.0, 0.0))
+    if battery is None:
+        figures |= dict.fromkeys(("endurance", "range"), (_NO_BATTERY, 0.0, 0.0))
+    for name, (value, at) in found.items():
+        beyond = _SLOW if at == CL.size - 1 else _FAST if at == 0 else ""
+        known = name == "drive_efficiency"
+        figures[name] = (value if known else beyond or value, float(speed[at]), float(alpha[at]))
+    return figures
 
 
 def _figures(model: Exported, polar: _Polar, rho: float, stronger: float, warmer: float) -> dict[str, _Figure]:
@@ -319,19 +357,20 @@ def _with_errors(
     return {**entry, "extrapolated": not all(inside) if inside else None}
 
 
-def _curves(model: Exported, best: _Polar, others: list[tuple[_Polar, float]], rho: float) -> list[dict[str, Any]]:
+def _curves(model: Exported, best: _Polar, others: list[_Polar], rho: float) -> list[dict[str, Any]]:
     """At every speed the polar, drag, power and climb, with 95 % of the models drawn."""
     thrust = _thrust(model.vehicle, best.speed, rho)
     limits = model.model.validity
     rows = []
     for i, speed in enumerate(best.speed):
-        at = [one for one, _ in others if np.any(np.isclose(one.speed, speed))]
+        at = [one for one in others if np.any(np.isclose(one.speed, speed))]
         drags = [0.5 * rho * speed**2 * one.area * float(one.CD[np.argmin(np.abs(one.speed - speed))]) for one in at]
         drag = 0.5 * rho * speed**2 * best.area * best.CD[i]
-        low, high = limits.get("airspeed", (-math.inf, math.inf))
+        inside = None if "airspeed" not in limits else min(limits["airspeed"]) <= speed <= max(limits["airspeed"])
         row: dict[str, Any] = {
             "speed": float(speed), "alpha": float(best.alpha[i]), "CL": float(best.CL[i]), "CD": float(best.CD[i]),
-            "drag": float(drag), "power_required": float(drag * speed), "extrapolated": not low <= speed <= high,
+            "drag": float(drag), "power_required": float(drag * speed),
+            "extrapolated": None if inside is None else not inside,
         }  # fmt: skip
         if drags:
             row["drag_interval"] = [float(one) for one in np.percentile(drags, (2.5, 97.5))]
@@ -348,6 +387,9 @@ _WORDS = {
     "min_sink_speed": "speed for least sink", "max_climb": "best climb", "max_climb_speed": "speed for best climb",
     "max_speed": "largest speed in level flight", "ceiling": "ceiling (climb of 0.5 m/s)",
     "min_turn_radius": "tightest level turn, radius", "stall_speed": "stall speed, level",
+    "drive_efficiency": "of the battery's power at the shaft", "min_battery_power": "least power of the battery",
+    "min_battery_power_speed": "speed for the longest flight", "min_energy_per_km": "least energy, still air",
+    "min_energy_speed": "speed for the farthest flight", "endurance": "longest flight", "range": "farthest, still air",
 }  # fmt: skip
 
 

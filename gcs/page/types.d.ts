@@ -402,6 +402,7 @@ interface Proposal {
 }
 
 interface TuningSheet {
+  job: string
   parameters: Proposal[]
   refused: Proposal[]
   warnings: string[]
@@ -425,7 +426,7 @@ interface PerformanceSheet {
   altitude: number
   figures: Record<string, (SheetFigure & { extrapolated: boolean }) | { refused: string }>
   speeds: {
-    speed: number, drag: number, drag_interval?: [number, number], thrust_available?: number, extrapolated: boolean
+    speed: number, drag: number, drag_interval?: [number, number], thrust_available?: number, extrapolated: boolean | null
   }[]
   warnings: string[]
 }

@@ -55,6 +55,10 @@ AXES = {"roll": ("da", "p", "phi"), "pitch": ("de", "q", "theta")}
 GAINS = _OF_RATE
 
 
+class NoGainsError(SettingsError):
+    """Parameters hold no gains of a rate loop."""
+
+
 @dataclass(frozen=True)
 class Controller:
     """One axis of an autopilot. gains: of GAINS. scaler: speed that gains are scaled to over that flown, equivalent;
@@ -75,14 +79,11 @@ class Controller:
 
 
 def autopilot_of(now: Mapping[str, float]) -> str:
-    """Whose parameters those are. Raises SettingsError where they hold no gains of a rate loop."""
+    """Whose parameters those are. Raises NoGainsError where they hold none of a rate loop."""
     for autopilot, axes in _NAMES.items():
         if axes["roll"]["P"] in now or axes["pitch"]["P"] in now:
             return autopilot
-    raise SettingsError(
-        "the recording holds no gains of the rate loops (RLL_RATE_P, FW_RR_P): give by --log the recording of a board"
-        " that has sent its parameters"
-    )
+    raise NoGainsError("the recording holds no gains of the rate loops (RLL_RATE_P, FW_RR_P)")
 
 
 def controller(axis: str, now: Mapping[str, float], airspeed: float, eas2tas: float) -> Controller | str:

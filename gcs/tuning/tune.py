@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,21 +11,14 @@ from gcs.analysis.aircraft import aircraft_of, well_formed
 from gcs.errors import ExportError
 from gcs.exports.exported import Exported
 from gcs.exports.performance import performance
-from gcs.text.files import write_whole
-from gcs.text.one_line import one_line
 from gcs.tuning.findings import SAMPLES, Quantity, findings
+from gcs.tuning.parameter_file import AUTOPILOTS, number_text
 from gcs.tuning.proposals import proposals
 from gcs.tuning.travel import range_warnings
-from gcs.version import VERSION
 from sim_vehicle.model.model_file import model_from_json
 
 # Messages in which an autopilot gives the airspeed that it flies by.
 _OWN_AIRSPEED = ("VFR_HUD", "AIRSPEED")
-# First of the line by which such a file is known again.
-HEAD = "# Parameters proposed by gcs"
-_WORDS = {"ardupilot": "ArduPilot", "px4": "PX4"}
-# MAV_PARAM_TYPE of a float, which all that is proposed to PX4 is but the pulses.
-_FLOAT, _INT32 = 9, 6
 # Names of parameters by which the logs of each autopilot are known.
 _KNOWN_BY = {"ardupilot": ("SERVO1_FUNCTION", "SCALING_SPEED"), "px4": ("SYS_AUTOSTART", "FW_AIRSPD_TRIM")}
 
@@ -54,7 +46,7 @@ def _tune(result: Any, autopilot: str, progress: Callable[[float, str], None]) -
     if not now:
         warnings.append("the recordings hold no parameters: what each is now is not known")
     elif any(name in now for name in _KNOWN_BY[other]):
-        warnings.append(f"the parameters of the recordings are those of {_WORDS[other]}")
+        warnings.append(f"the parameters of the recordings are those of {AUTOPILOTS[other]}")
     every = proposals(autopilot, found, model, _stall(model, progress), now)
     return {
         "schema": "tuning/1", "for": autopilot, "vehicle": vehicle.name, "model": model.model.name,
@@ -92,7 +84,7 @@ def _stall(model: Exported, progress: Callable[[float, str], None]) -> Quantity 
 def tuning_text(found: Mapping[str, Any]) -> str:
     """The sheet as lines."""
     lines = [
-        f"{found['vehicle']}, for {_WORDS[found['for']]}: compare and load line by line, nothing is written to an"
+        f"{found['vehicle']}, for {AUTOPILOTS[found['for']]}: compare and load line by line, nothing is written to an"
         " aircraft",
         f"  {'parameter':<20}{'now':>10}{'proposed':>10}  {'95 % interval':<20}{'unit':<5} why",
     ]
@@ -101,46 +93,10 @@ def tuning_text(found: Mapping[str, Any]) -> str:
         between = "" if ends is None else f"{ends[0]:.4g} … {ends[1]:.4g}"
         unit = "" if one["unit"] == "1" else one["unit"]
         lines.append(
-            f"  {one['name']:<20}{_number(one['now']):>10}{_number(one['value']):>10}  {between:<20}{unit:<5}"
+            f"  {one['name']:<20}{number_text(one['now']):>10}{number_text(one['value']):>10}  {between:<20}{unit:<5}"
             f" {one['reason']}"
         )
     if found["refused"]:
         lines += ["", "not proposed:"]
-        lines += [f"  {one['name']:<20}{_number(one['now']):>10}  {one['refused']}" for one in found["refused"]]
+        lines += [f"  {one['name']:<20}{number_text(one['now']):>10}  {one['refused']}" for one in found["refused"]]
     return "\n".join([*lines, *(f"warning: {one}" for one in found["warnings"])])
-
-
-def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.5g}"
-
-
-def write_parameters(found: Mapping[str, Any], path: Path) -> None:
-    """Write the file. Raises ExportError where nothing is proposed."""
-    write_whole(path, parameter_file(found))
-
-
-def parameter_file(found: Mapping[str, Any]) -> str:
-    """The file: for ArduPilot NAME,VALUE, as Mission Planner and MAVProxy load it; for PX4 that of QGroundControl.
-
-    Raises ExportError where nothing is proposed.
-    """
-    if not found["parameters"]:
-        raise ExportError("the flight says nothing of any parameter: no file is written; gcs tune --json has why")
-    flights = ", ".join(map(str, found["flights"]))
-    lines = [
-        one_line(f"{HEAD} {VERSION} for {_WORDS[found['for']]}, {found['vehicle']}, from {flights}"),
-        "# Compare each with what it is now before it is loaded. Intervals are 95 %.",
-    ]
-    if found["for"] == "px4":
-        lines.append("# Vehicle-Id\tComponent-Id\tName\tValue\tType")
-    for one in found["parameters"]:
-        ends = one["interval"]
-        between = "" if ends is None else f", interval {ends[0]:.4g} to {ends[1]:.4g}"
-        lines.append(one_line(f"# {one['name']}: now {_number(one['now'])}{between}: {one['reason']}"))
-        if found["for"] == "px4":
-            whole = one["unit"] == "us"
-            lines.append(f"1\t1\t{one['name']}\t{one['value']:g}\t{_INT32 if whole else _FLOAT}")
-        else:
-            lines.append(f"{one['name']},{one['value']:g}")
-    lines += [one_line(f"# {one['name']}: not proposed: {one['refused']}") for one in found["refused"]]
-    return "\n".join([*lines, ""])

@@ -13,6 +13,7 @@ from sysid.filter_error.estimator import FilterErrorResult
 from sysid.identification.identify import Identification
 from sysid.identification.linear_model import RESPONSES
 from sysid.identification.measured_responses import measured_json
+from sysid.identification.power_balance import power_balance
 from sysid.signal_check.sensor_assessment import verdicts
 from sysid.validation.largest_residual import outlier_text
 from sysid.validation.residual_series import output_residuals, series_json
@@ -54,6 +55,7 @@ def result_json(found: Identification) -> dict[str, Any]:
         },
         "mistakes": [one.to_json() for one in found.mistakes],
         **_method(found),
+        "battery": power_balance(found.flights),
         "model": found.model.to_json(),
         "dimensional": found.mean.derivatives,
         **_linear(found),

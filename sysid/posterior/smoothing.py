@@ -26,6 +26,9 @@ _GUST_POWERS = (1e-4, 1e-2, 0.1, 0.4, 2.0)
 # Width of the bands in which noise is distinguished from a signal, Hz and share of their frequency, by how many
 # standard errors of the noise's power a signal must stand out; samples below which it is not.
 _BAND_HZ, _BAND_SHARE, _CHANCE, _FEWEST = 0.2, 0.3, 5.0, 20
+# Rate, Hz, below which the fast part of a band holds manoeuvres, and their noise is not found beside them; and samples
+# closer than this share of the usual interval are one: a curve through both would swing for their noise.
+_SLOWEST_HZ, _AT_ONCE = 6.0, 0.3
 # Half width of the narrowest window that smooths, in samples.
 HALF_SAMPLES = 2.6
 # Natural logarithms of what wanders over the noise, in power at the end of the band, between which the likeliest is
@@ -79,7 +82,8 @@ def expected(time_s: Array, values: Array, grid: Array) -> Array:
     """
     if not np.ptp(values):
         return np.full(grid.size, values[0])
-    if values.size < _FEWEST:
+    time_s, values = _one_at_a_time(time_s, values)
+    if values.size < _FEWEST or float(np.median(np.diff(time_s))) > 1.0 / _SLOWEST_HZ:
         return smoothed(time_s, values, grid, HALF_SAMPLES * float(np.median(np.diff(time_s))))
     sigma = noise_beside_walk(values)
     joined = _through(time_s, values, grid)
@@ -95,6 +99,19 @@ def expected(time_s: Array, values: Array, grid: Array) -> Array:
     seen = power > noise * (1.0 + _CHANCE * np.sqrt(2.0 / (high - low)))
     gain = np.where(seen, np.clip(1.0 - noise / power, 0.0, 1.0), 0.0)
     return np.asarray(middle + np.fft.irfft(Z * gain, 2 * grid.size)[: grid.size])
+
+
+def _one_at_a_time(time_s: Array, values: Array) -> tuple[Array, Array]:
+    """Stamps and values, (M,) each, those that come together as their mean: a bus hands samples on in bursts."""
+    # In bursts most intervals are short: the longer ones say how often there is anything new.
+    usual = float(np.percentile(np.diff(time_s), 90.0))
+    if not np.any(np.diff(time_s) < _AT_ONCE * usual):
+        return time_s, values
+    starts = [0]
+    while (after := int(np.searchsorted(time_s, time_s[starts[-1]] + _AT_ONCE * usual, side="right"))) < time_s.size:
+        starts.append(after)
+    counts = np.diff(np.append(starts, time_s.size))
+    return np.add.reduceat(time_s, starts) / counts, np.add.reduceat(values, starts) / counts
 
 
 def _bands(size: int, bins_per_hz: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

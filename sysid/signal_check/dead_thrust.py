@@ -55,7 +55,7 @@ def _by_energy(prepared: Prepared) -> tuple[float, float]:
     """Thrust less drag over the weight, mean along the paths, and its standard error, infinite without a height."""
     gained, path, ends = 0.0, 0.0, 0
     for stretch in prepared.stretches:
-        height, speed = _height(stretch), stretch.data["airspeed"] * prepared.layout.airspeed_factor
+        height, speed = height_of(stretch), stretch.data["airspeed"] * prepared.layout.airspeed_factor
         good = np.isfinite(speed) if height is None else np.isfinite(speed) & np.isfinite(height)
         if height is None or np.count_nonzero(good) < 2:
             continue
@@ -67,8 +67,19 @@ def _by_energy(prepared: Prepared) -> tuple[float, float]:
     return (gained / path, _HEIGHT_M * float(np.sqrt(ends)) / path) if path > 0.0 else (0.0, np.inf)
 
 
-def _height(stretch: Stretch) -> Array | None:
-    """(N,) m, by a barometer or GPS, else by the vertical speed; None without any."""
+def height_of(stretch: Stretch) -> Array | None:
+    """Height along a stretch, by a barometer or GPS, else by the vertical speed.
+
+    Parameters
+    ----------
+    stretch : Stretch
+        With N samples.
+
+    Returns
+    -------
+    Array, shape (N,), or None
+        m, from any level, NaN where nothing was read; None without any.
+    """
     for name in _HEIGHTS:
         if name in stretch.data and np.isfinite(stretch.data[name]).sum() > 1:
             return np.asarray(stretch.data[name])

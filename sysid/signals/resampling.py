@@ -24,7 +24,7 @@ IMU = ("ax", "ay", "az", "p", "q", "r")
 ANGLES = ("phi", "theta", "psi")
 # A satellite receiver's samples are outputs to compare with, never regressors, and a battery's are read before
 # (sysid.signals.thrust.electric): between them there is nothing.
-SPARSE = ("lat", "lon", "vn", "ve", "vd", "battery_voltage", "battery_current")
+SPARSE = ("lat", "lon", "vn", "ve", "vd", "battery_voltage", "battery_current", "battery_power")
 HELD = ("de", "da", "dr", "throttle")
 GAP_S = 0.1  # s without a sample that are a gap
 # No quantity of a flight is larger in SI units, no stamp later; what is, is a broken message.

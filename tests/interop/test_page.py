@@ -165,6 +165,10 @@ def test_what_follows_from_a_model_is_shown_for_the_autopilot_that_is_chosen(vis
     visitor.page.click("button:text-is('Work it out')")
     visitor.wait_for_text("caption", "With 2.000 kg at 0 m")
     visitor.wait_for_plots(1)
+    visitor.page.get_by_label("Battery, Wh").fill("40")
+    visitor.page.click("button:text-is('Work it out')")
+    visitor.wait_for_text("tr:has(th:text-is('Longest flight'))", "have the board log its voltage and current")
+    visitor.wait_for_plots(1)
     # Twice the mass glides as far, faster by the root of two.
     assert float(visitor.text(glide).split()[4]) == pytest.approx(2.0**0.5 * of_one, rel=0.01)
     visitor.check()

@@ -23,8 +23,9 @@ from sysid.arrays import Array
 from sysid.numerics.smoothing import fourier_smooth
 from sysid.signals.flight import FlightSignals, Signal, finite, repeats
 
-# Signals that say what the battery gives, V and A, and the thrust that follows, N.
-VOLTAGE, CURRENT, BY_BATTERY = "battery_voltage", "battery_current", "battery_thrust"
+# Signals that say what the battery gives, V and A, and what follows from them: its power, W, and thrust, N.
+VOLTAGE, CURRENT = "battery_voltage", "battery_current"
+POWER, BY_BATTERY = "battery_power", "battery_thrust"
 LAW = "diameter and pitch"
 # Share of the battery's power that motor and controller give to the shaft, where it is not given, and its standard
 # deviation: motors of small aircraft give 0.7 to 0.88 of what they take, controllers 0.9 to 0.97.
@@ -36,7 +37,7 @@ _USUAL, _USUAL_STD = 0.76, 0.08
 _SLOPE, _BEYOND_PITCH, _BLADES = 0.19, 0.20, 0.010
 _LAW_STD = 0.10
 # Throttle below which the propeller takes nothing, and what still flows is for the other electronics.
-_AT_REST = 0.02
+AT_REST = 0.02
 # Share of the power's changes that a curve of the throttle must explain, so that power between its readings follows
 # the throttle; and the degree of that curve.
 _EXPLAINED, _DEGREE = 0.8, 3
@@ -140,7 +141,8 @@ def _by_battery(vehicle: Vehicle) -> PrintedPropeller | None:
 
 
 def with_electric_thrust(signals: FlightSignals, vehicle: Vehicle) -> FlightSignals:
-    """The flight with its thrust by the battery's power, or with a throttle of the voltage that laws of it hold for.
+    """The flight with the battery's power, and its thrust by that, or with a throttle of the voltage that laws of it
+    hold for.
 
     Parameters
     ----------
@@ -152,41 +154,31 @@ def with_electric_thrust(signals: FlightSignals, vehicle: Vehicle) -> FlightSign
     Returns
     -------
     FlightSignals
-        Itself where the battery was not recorded, thrust was measured, or the vehicle file asks for neither.
+        Itself where the battery was not recorded; only its power is added where thrust was measured, or where the
+        vehicle file asks for neither.
     """
+    if VOLTAGE not in signals.signals:
+        return signals
     motor = vehicle.propulsion
+    signals = _with_power(signals)
     there = signals.signals
     measured = "thrust" in there and not repeats(there["thrust"].values)
-    if motor is None or measured or VOLTAGE not in there:
+    if motor is None or measured:
         return signals
     propeller = _by_battery(vehicle)
-    if propeller is not None and {CURRENT, "airspeed"} <= there.keys():
+    if propeller is not None and {POWER, "airspeed"} <= there.keys():
         return _with_thrust(signals, vehicle, motor, propeller)
     return _with_weaker_throttle(signals, motor)
 
 
-def battery_power(signals: FlightSignals) -> tuple[Array, Array]:
-    """Power of the battery less what flows at rest, on the battery's own stamps.
-
-    Parameters
-    ----------
-    signals : FlightSignals
-        A flight with the battery's voltage and current.
-
-    Returns
-    -------
-    time_s : Array, shape (M,)
-        Stamps, s; empty where there are too few readings.
-    power : Array, shape (M,)
-        W.
-    """
-    time_s, current = finite(signals, CURRENT)
-    stamps, voltage = finite(signals, VOLTAGE)
+def _with_power(signals: FlightSignals) -> FlightSignals:
+    """The flight with the battery's power, on the stamps of its current."""
+    (time_s, current), (stamps, voltage) = finite(signals, CURRENT), finite(signals, VOLTAGE)
     if time_s.size < _FEWEST or stamps.size < _FEWEST or repeats(current):
-        return np.zeros(0), np.zeros(0)
-    power = current * np.interp(time_s, stamps, voltage)
-    resting = power[_held(signals, "throttle", time_s) < _AT_REST]
-    return time_s, power - (float(np.median(resting)) if resting.size >= _FEWEST else 0.0)
+        return signals
+    source = f"{signals.signals[VOLTAGE].source}, {signals.signals[CURRENT].source}"
+    power = Signal(time_s, current * np.interp(time_s, stamps, voltage), "W", source)
+    return replace(signals, signals={**signals.signals, POWER: power})
 
 
 def _held(signals: FlightSignals, name: str, time_s: Array) -> Array:
@@ -200,9 +192,9 @@ def _held(signals: FlightSignals, name: str, time_s: Array) -> Array:
 def _with_thrust(
     signals: FlightSignals, vehicle: Vehicle, motor: Propulsion, propeller: PrintedPropeller
 ) -> FlightSignals:
-    time_s, power = battery_power(signals)
-    if not time_s.size:
-        return signals
+    time_s, power = finite(signals, POWER)
+    resting = power[_held(signals, "throttle", time_s) < AT_REST]
+    power = power - (float(np.median(resting)) if resting.size >= _FEWEST else 0.0)
     step = float(np.median(np.diff(time_s)))
     stamps, airspeed = finite(signals, "airspeed", float(time_s[0]) - step, float(time_s[-1]) + step)
     if stamps.size < _FEWEST:
@@ -216,8 +208,8 @@ def _with_thrust(
     share = efficiency(motor)[0]
     shaped = _between_readings(signals, stamps, time_s, power, motor)
     thrust = propeller.thrust(share * shaped, airspeed, rho)
-    source = f"{signals.signals[VOLTAGE].source}, {signals.signals[CURRENT].source}"
-    return replace(signals, signals={**signals.signals, BY_BATTERY: Signal(stamps, thrust, "N", source)})
+    made = Signal(stamps, thrust, "N", signals.signals[POWER].source)
+    return replace(signals, signals={**signals.signals, BY_BATTERY: made})
 
 
 def _between_readings(signals: FlightSignals, stamps: Array, time_s: Array, power: Array, motor: Propulsion) -> Array:

@@ -13,7 +13,8 @@ from tuned_result import BOARD, a_result, damped
 
 from gcs.text.jsontext import dumps
 from gcs.tuning.margins import margins
-from gcs.tuning.tune import parameter_file, tune
+from gcs.tuning.parameter_file import parameter_file
+from gcs.tuning.tune import tune
 
 pytestmark = pytest.mark.whole_flight
 
@@ -23,19 +24,21 @@ def test_sheets_of_a_flight_are_those_of_the_commands(bench: Bench, client: http
     place = f"/api/flights/{flight}"
     assert "has no identify result yet" in problem(client.get(f"{place}/tuning?for=px4"), 404)
     result = a_result(damped(), BOARD)
-    bench.catalogue.finish_job(bench.catalogue.add_job(flight, "identify", {"kind": "identify"}), result)
+    job = bench.catalogue.add_job(flight, "identify", {"kind": "identify"})
+    bench.catalogue.finish_job(job, result)
+    made_by = {"job": job.id}
     for autopilot in ("ardupilot", "px4"):
         found = tune(result, autopilot)
-        assert client.get(f"{place}/tuning?for={autopilot}").json() == json.loads(dumps(found))
+        assert client.get(f"{place}/tuning?for={autopilot}").json() == json.loads(dumps(found)) | made_by
         answer = client.get(f"{place}/tuning/file?for={autopilot}")
         assert answer.text == parameter_file(found)
         assert f'filename="{flight}.param' in answer.headers["content-disposition"]
-    assert client.get(f"{place}/margins").json() == json.loads(dumps(margins(result)))
+    assert client.get(f"{place}/margins").json() == json.loads(dumps(margins(result))) | made_by
     kept = tmp_path / "result.json"
     kept.write_text(dumps(result), encoding="utf-8")
     asked = ("--vehicle", "iitb-mav", "--mass", 1.5, "--altitude", 800)
     printed = run("gcs", "performance", kept, *asked, "--json")
-    assert client.get(f"{place}/performance?mass=1.5&altitude=800").json() == json.loads(printed.stdout)
+    assert client.get(f"{place}/performance?mass=1.5&altitude=800").json() == json.loads(printed.stdout) | made_by
 
 
 def test_what_cannot_be_asked_or_followed_is_said_in_one_line(bench: Bench, client: httpx.Client) -> None:
@@ -48,3 +51,7 @@ def test_what_cannot_be_asked_or_followed_is_said_in_one_line(bench: Bench, clie
     assert "for is missing" in problem(client.get(f"{place}/tuning"), 422)
     assert "mass" in problem(client.get(f"{place}/performance?mass=nan"), 422)
     assert "mass" in problem(client.get(f"{place}/performance?mass=-1"), 422)
+    for name in ("altitude", "temperature"):
+        for value in ("nan", "inf", "-9000", "9000"):
+            assert name in problem(client.get(f"{place}/performance?{name}={value}"), 422)
+    assert "battery" in problem(client.get(f"{place}/performance?battery=0"), 422)

@@ -50,8 +50,11 @@ def test_why_none_was_made_is_its_last_word_and_one_that_takes_too_long_is_ended
 ) -> None:
     with pytest.raises(ReportError, match="names no schema"):
         Reports().page({})
-    with pytest.raises(ReportError, match="exit code 3"):
+    with pytest.raises(ServiceError, match="exit code 3"):
         Reports((sys.executable, "-c", "import sys; sys.exit(3)")).page({"much": "x" * 1_000_000})
+    # What nobody thought of is the station's fault, not the result's.
+    with pytest.raises(ServiceError, match="exit code 1"):
+        Reports((sys.executable, "-c", "raise KeyError('x')")).page({})
     monkeypatch.setattr("gcs.jobs.reports._LONGEST_S", 0.2)
     with pytest.raises(ServiceError, match=r"not made within 0.2 s; make it by hand"):
         Reports((sys.executable, "-c", "import time; time.sleep(600)")).page({})

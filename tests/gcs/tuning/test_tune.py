@@ -16,7 +16,8 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import fsolve
 from tuned_result import NOW, SPEED, a_result
 
-from gcs.tuning.tune import tune, write_parameters
+from gcs.tuning.parameter_file import write_parameters
+from gcs.tuning.tune import tune
 from sim_vehicle.constants import SEA_LEVEL_DENSITY, STANDARD_GRAVITY
 from sim_vehicle.effects import parse_effect
 from sim_vehicle.flight.plant import Plant

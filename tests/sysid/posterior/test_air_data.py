@@ -158,3 +158,40 @@ def test_what_a_short_series_stands_for_is_no_more_than_it_reads(length_s: float
     for seed in range(60):
         read = 0.05 + 0.005 * np.random.default_rng(seed).standard_normal(stamps.size)
         assert np.abs(expected(stamps, read, grid) - 0.05).max() < 0.02
+
+
+def wandering(stamps: np.ndarray) -> np.ndarray:
+    """An angle of flow in a short period and slow turns, rad."""
+    return np.asarray(0.05 * np.sin(2.0 * np.pi * 1.3 * stamps) + 0.02 * np.sin(2.0 * np.pi * 0.2 * stamps + 1.0))
+
+
+@pytest.mark.parametrize(("share", "apart"), [(0.05, 3e-4), (0.05, 2e-5), (0.002, 1e-5)])
+def test_samples_that_come_almost_at_once_are_one(share: float, apart: float) -> None:
+    g = np.random.default_rng(7)
+    stamps = np.arange(0.0, 20.0, 0.02)
+    twice = g.choice(stamps.size, max(int(share * stamps.size), 1), replace=False)
+    stamps = np.sort(np.concatenate((stamps, stamps[twice] + apart)))
+    read = wandering(stamps) + 0.003 * g.standard_normal(stamps.size)
+    grid = np.arange(0.0, 19.9, 0.01)
+    said, truth = expected(stamps, read, grid), wandering(grid)
+    assert np.std(said - truth) < 0.002
+    assert np.polyfit(truth, said, 1)[0] == pytest.approx(1.0, abs=0.02)
+
+
+def test_bursts_of_a_bus_are_as_often_as_they_bring_something_new() -> None:
+    g = np.random.default_rng(8)
+    stamps = np.sort(np.concatenate([np.arange(0.0, 600.0, 0.08) + 2e-5 * i for i in range(4)]))
+    read = wandering(stamps) + 0.003 * g.standard_normal(stamps.size)
+    grid = np.arange(0.0, 599.9, 0.01)
+    assert np.std(expected(stamps, read, grid) - wandering(grid)) < 0.004
+
+
+def test_a_vane_that_is_read_seldom_keeps_its_motion() -> None:
+    """Above a quarter of its band a vane of 5 Hz has the short period, which is no noise."""
+    grid = np.arange(0.0, 19.9, 0.01)
+    for seed in range(4):
+        g = np.random.default_rng(seed)
+        stamps = np.arange(0.0, 20.0, 0.2)
+        read = wandering(stamps) + 0.003 * g.standard_normal(stamps.size)
+        windows = smoothed(stamps, read, grid, 2.6 * 0.2)
+        assert np.std(expected(stamps, read, grid) - wandering(grid)) < 1.01 * np.std(windows - wandering(grid))

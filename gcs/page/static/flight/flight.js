@@ -44,7 +44,7 @@ export async function flight(page, [id, tab = ''], query, signal) {
   } else if (tab === 'discrepancy') {
     discrepancy(page, await getIfThere(`${path}/discrepancy`, signal), summary, signal)
   } else if (tab === 'use') {
-    await use(page, await getIfThere(`${path}/identification`, signal), summary, signal)
+    use(page, await getIfThere(`${path}/identification`, signal), summary, signal)
   } else if (tab === 'plan') {
     await plan(page, await getIfThere(`${path}/design`, signal), summary, signal)
   } else {

@@ -5,7 +5,7 @@ import { field, h, listing, remark, select, table, there } from '../shared/dom.j
 import { NONE, number } from '../shared/format.js'
 import { download } from '../shared/links.js'
 import { nothingYet } from '../flight/jobs.js'
-import { band, legendAbove, line, plot, shown, source } from '../shared/plots.js'
+import { band, legendAbove, line, plot, removePlot, shown, source } from '../shared/plots.js'
 
 const AUTOPILOTS = [['ardupilot', 'ArduPilot'], ['px4', 'PX4']]
 
@@ -15,6 +15,9 @@ const FIGURES = {
   min_sink_speed: 'Speed for least sink', max_climb: 'Best climb', max_climb_speed: 'Speed for best climb',
   max_speed: 'Largest speed in level flight', ceiling: 'Ceiling (climb of 0.5 m/s)',
   min_turn_radius: 'Tightest level turn, radius', stall_speed: 'Stall speed, level',
+  drive_efficiency: 'Of the battery’s power at the shaft', min_battery_power: 'Least power of the battery',
+  min_battery_power_speed: 'Speed for the longest flight', min_energy_per_km: 'Least energy, still air',
+  min_energy_speed: 'Speed for the farthest flight', endurance: 'Longest flight', range: 'Farthest, still air',
 }
 
 /** @type {Record<string, string>} */
@@ -34,7 +37,7 @@ const LOOPS = { roll: 'Roll', pitch: 'Pitch' }
  * @param {FlightSummary} summary
  * @param {AbortSignal} signal
  */
-export async function use(page, result, summary, signal) {
+export function use(page, result, summary, signal) {
   if (!result) {
     page.append(nothingYet(summary, 'identify', {
       failed: 'The last identification failed', missing: 'No model has been identified from this flight.',
@@ -46,10 +49,12 @@ export async function use(page, result, summary, signal) {
   const flown = Object.values(result.senders ?? {}).map(one => one.autopilot)
   const parameters = h('div', {}), loops = h('div', {}), sheet = h('div', {})
   const wanted = select(AUTOPILOTS, flown.some(name => name.startsWith('PX4')) ? 'px4' : 'ardupilot',
-    value => { into(parameters, signal, () => tuning(path, summary.id, value, signal)) })
-  const [mass, altitude] = [h('input', { type: 'number', min: 0, step: 'any' }),
-    h('input', { type: 'number', step: 'any' })]
-  const again = () => into(sheet, signal, () => performance(path, mass.value, altitude.value, signal))
+    value => { into(parameters, signal, own => tuning(path, summary.id, value, own)) })
+  const [mass, altitude, battery] = [h('input', { type: 'number', min: 0, step: 'any' }),
+    h('input', { type: 'number', min: -500, max: 8000, step: 'any' }),
+    h('input', { type: 'number', min: 0, step: 'any' })]
+  const again = () => into(sheet, signal, own => performance(path,
+    { mass: mass.value, altitude: altitude.value, battery: battery.value }, own))
   page.append(
     h('h2', {}, 'Parameters of the autopilot'),
     h('p', {}, 'Only what the flight shows. Compare line by line with what is set now; nothing is written to an '
@@ -60,27 +65,50 @@ export async function use(page, result, summary, signal) {
     h('form', { class: 'row', submit: event => { event.preventDefault(); again() } },
       field('Take-off mass, kg', mass, 'As in the vehicle file, where nothing is given.'),
       field('Altitude, m', altitude, 'In the standard atmosphere; 0 where nothing is given.'),
+      field('Battery, Wh', battery, 'For how long and how far it flies.'),
       h('button', {}, 'Work it out')), sheet,
   )
-  // One after another: each is made in a process of its own, in which the station makes one at a time.
-  await into(parameters, signal, () => tuning(path, summary.id, wanted.value, signal))
-  await into(loops, signal, () => margins(path, signal))
-  await again()
+  // One after another, while the page can be read: the station makes one at a time, each in a process of its own.
+  into(parameters, signal, own => tuning(path, summary.id, wanted.value, own))
+    .then(() => into(loops, signal, own => margins(path, own)))
+    .then(() => { if (!sheet.childElementCount) again() })
 }
 
 /**
- * Put in a place what is made for it, or why it is not.
+ * What is being made for a place: asked for something else, it is no longer waited for.
+ * @type {WeakMap<Element, AbortController>}
+ */
+const waited = new WeakMap()
+
+/**
+ * Put in a place what is made for it, or why it is not; of several in turn the last.
  * @param {Element} place
  * @param {AbortSignal} signal
- * @param {() => Promise<(Node | string)[]>} make
+ * @param {(own: AbortSignal) => Promise<(Node | string)[]>} make
  */
 async function into(place, signal, make) {
-  place.replaceChildren(h('p', { role: 'status' }, 'Being worked out …'))
+  waited.get(place)?.abort()
+  if (signal.aborted) return
+  const own = new AbortController()
+  waited.set(place, own)
+  signal.addEventListener('abort', () => own.abort(), { once: true, signal: own.signal })
+  emptied(place, h('p', { role: 'status' }, 'Being worked out …'))
   try {
-    place.replaceChildren(...await make())
+    const made = await make(own.signal)
+    if (!own.signal.aborted) emptied(place, ...made)
   } catch (error) {
-    if (!signal.aborted) place.replaceChildren(remark('note', h('p', {}, sentence(error))))
+    if (!own.signal.aborted) emptied(place, remark('note', h('p', {}, sentence(error))))
   }
+}
+
+/**
+ * A place with something else in it, its plots ended.
+ * @param {Element} place
+ * @param {...(Node | string)} content
+ */
+function emptied(place, ...content) {
+  for (const drawn of place.querySelectorAll('figure')) removePlot(/** @type {PlotElement} */ (drawn))
+  place.replaceChildren(...content)
 }
 
 /** @param {(number | null)[] | null | undefined} ends */
@@ -105,7 +133,8 @@ async function tuning(path, id, autopilot, signal) {
       h('code', {}, one.name), number(one.now, 4), number(one.value, 4), between(one.interval), unitOf(one.unit),
       one.reason]), true),
     found.parameters.length && h('p', { class: 'row' },
-      download(`${path}/tuning/file?for=${autopilot}`, `${id}.${ending}`, 'Parameter file')),
+      download(`${path}/tuning/file?for=${autopilot}&job=${encodeURIComponent(found.job)}`, `${id}.${ending}`,
+        'Parameter file')),
     table('Not proposed', ['Parameter', 'Now', 'Why not'], found.refused.map(one => [
       h('code', {}, one.name), number(one.now, 4), one.refused]), true))
 }
@@ -141,13 +170,12 @@ const figure = entry => entry.value === null ? NONE
 
 /**
  * @param {string} path
- * @param {string} mass
- * @param {string} altitude
+ * @param {Record<string, string>} given
  * @param {AbortSignal} signal
  */
-async function performance(path, mass, altitude, signal) {
+async function performance(path, given, signal) {
   /** @type {PerformanceSheet} */
-  const found = await get(`${path}/performance?${asking({ mass, altitude })}`, signal)
+  const found = await get(`${path}/performance?${asking(given)}`, signal)
   return there(
     found.warnings.length && remark('note', listing(found.warnings)),
     table(`With ${number(found.mass, 4)} kg at ${number(found.altitude)} m`,
@@ -156,7 +184,19 @@ async function performance(path, mass, altitude, signal) {
         ? [FIGURES[key] ?? key, NONE, NONE, '', one.refused]
         : [FIGURES[key] ?? key, number(one.value), between(one.interval), unitOf(one.unit),
           one.extrapolated ? 'beyond what was flown' : '']), true),
-    found.speeds.length && await polar(found, signal))
+    found.speeds.length && await polar(found, signal).catch(error => remark('note', h('p', {}, sentence(error)))))
+}
+
+/**
+ * What the curve shows. known: speeds that were flown, none where nobody knows.
+ * @param {boolean} banded
+ * @param {number[]} known
+ */
+function caption(banded, known) {
+  if (!known.length) return banded ? 'Drag over airspeed with its 95 % interval' : 'Drag over airspeed'
+  const [slowest, fastest] = [number(Math.min(...known)), number(Math.max(...known))]
+  return banded ? `Drag over airspeed with its 95 % interval; flown were ${slowest} to ${fastest} m/s`
+    : `Drag over airspeed; flown were ${slowest} to ${fastest} m/s`
 }
 
 /** @param {PerformanceSheet} found @param {AbortSignal} signal */
@@ -168,12 +208,11 @@ async function polar(found, signal) {
     low: rows.map(one => one.drag_interval?.[0] ?? null), high: rows.map(one => one.drag_interval?.[1] ?? null),
     thrust: rows.map(one => one.thrust_available ?? null),
   })
-  if (rows[0].drag_interval) band(drawn, data, 'speed', 'low', 'high')
+  const banded = rows.some(one => one.drag_interval)
+  if (banded) band(drawn, data, 'speed', 'low', 'high')
   line(drawn, data, 'speed', 'drag', 0, 'drag in level flight')
   if (rows[0].thrust_available !== undefined) line(drawn, data, 'speed', 'thrust', 1, 'thrust at full throttle')
   legendAbove(drawn)
-  const known = rows.filter(one => !one.extrapolated).map(one => one.speed)
-  return shown(drawn, known.length
-    ? `Drag over airspeed with its 95 % interval; flown were ${number(Math.min(...known))} to `
-      + `${number(Math.max(...known))} m/s` : 'Drag over airspeed with its 95 % interval', signal)
+  const known = rows.filter(one => one.extrapolated === false).map(one => one.speed)
+  return shown(drawn, caption(banded, known), signal)
 }
