@@ -115,6 +115,13 @@ CAMPAIGNS = {
         {"FAMILIES": "", "SEEDS": "", "FIRST": ""},
         hint="less of it: FAMILIES=aerosonde SEEDS=2; FIRST=100: other flights",
     ),
+    "performance": LongRun(
+        "tests/campaign/performance.py",
+        "whether the intervals of `gcs performance` hold: glide, sink, endurance and range of a battery",
+        "42 flights, 8 min; what is there is kept",
+        {"FAMILIES": "", "SEEDS": "", "FIRST": ""},
+        hint="less of it: FAMILIES=aerosonde SEEDS=2; FIRST=100: other flights",
+    ),
     "benchmark": LongRun(
         "tests/campaign/benchmark.py",
         "short flights of aircraft that the structure only nearly is: whether the bars hold, alone and together",

@@ -45,14 +45,13 @@ class PowerBalance:
             return np.asarray(np.maximum(thrust, 0.0) * airspeed)
         return self.propeller.power(thrust, airspeed, density)
 
-    def efficiency(self, lift: Array, drag: Array, weight: float, area: float) -> tuple[float, float]:
-        """Share of the battery's power that `needed` finds again, and its standard error.
-
-        lift, drag: (M,) coefficients of the polar, lift rising. weight: N, as flown. area: of the wing, m^2.
-        """
-        pressure = 0.5 * self.density * self.airspeed**2 * area
-        coefficient = self.load * weight / pressure
-        thrust = pressure * np.interp(coefficient, lift, drag) + weight * self.gained / self.airspeed
+    def efficiency(self, level: LevelFlight) -> tuple[float, float]:
+        """Share of the battery's power that `needed` finds again, and its standard error."""
+        # At the same lift coefficient thrust goes with the load, and airspeed with the root of it.
+        heavier = self.load * level.weight_flown / level.weight
+        alike = self.airspeed * np.sqrt(self.density / level.density / heavier)
+        thrust = heavier * np.interp(alike, level.speed, level.thrust)
+        thrust = thrust + level.weight_flown * self.gained / self.airspeed
         given = self.power - self.rest
         asked = self.needed(thrust, self.airspeed, self.density)
         share = float(asked.sum() / given.sum())
@@ -60,6 +59,19 @@ class PowerBalance:
         count = given.size
         spread = float(np.sqrt(np.sum((asked - share * given) ** 2) / (count - 1) / count) / given.mean())
         return share, spread
+
+
+@dataclass(frozen=True)
+class LevelFlight:
+    """Thrust, N, at speeds, m/s, of level flight, (M,) each, speeds rising; weight there and as the battery was flown,
+    N; density there, kg/m^3.
+    """
+
+    speed: Array
+    thrust: Array
+    weight: float
+    weight_flown: float
+    density: float
 
 
 def balance_of(found: Mapping[str, Any] | None, propeller: PrintedPropeller | None) -> PowerBalance | str:
@@ -80,23 +92,21 @@ def balance_of(found: Mapping[str, Any] | None, propeller: PrintedPropeller | No
 
 
 def electric_figures(
-    balance: PowerBalance, speed: Array, lift: Array, drag: Array, weight: float, area: float, rho: float,
-    luck: tuple[float, float], battery: float | None,
-) -> dict[str, tuple[float, int]]:  # fmt: skip
-    """Name -> value, and the place in the polar that it is flown at.
+    balance: PowerBalance, level: LevelFlight, luck: tuple[float, float], battery: float | None
+) -> dict[str, tuple[float, int]]:
+    """Name -> value, and the place in the speeds that it is flown at.
 
-    speed, lift, drag: (M,) level flight along the polar, lift rising. weight: N, as the balance was flown. area: m^2.
-    rho: kg/m^3. luck: standard errors by which the efficiency and its change with airspeed are off. battery: Wh. Empty
-    where no drag that is one explains the balance.
+    luck: standard errors by which the efficiency and its change with airspeed are off. battery: Wh. Empty where no drag
+    that is one explains the balance.
     """
-    share, spread = balance.efficiency(lift, drag, weight, area)
+    share, spread = balance.efficiency(level)
     share += luck[0] * spread
     if not share > 0.0:
         return {}
+    speed = level.speed
     bend = luck[1] * (_SHAPELESS_STD if balance.propeller is None else _SHAPE_STD)
     shares = share * (speed / float(balance.airspeed.mean())) ** bend
-    thrust = 0.5 * rho * speed**2 * area * drag
-    power = balance.needed(thrust, speed, np.full(speed.size, rho)) / shares + balance.rest
+    power = balance.needed(level.thrust, speed, np.full(speed.size, level.density)) / shares + balance.rest
     longest, farthest = int(np.argmin(power)), int(np.argmin(power / speed))
     per_km = float(power[farthest] / speed[farthest]) * _METRES_IN_KM / _SECONDS_IN_HOUR
     found = {

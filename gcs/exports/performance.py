@@ -17,7 +17,7 @@ from scipy.interpolate import PchipInterpolator
 
 from gcs.errors import ExportError, SettingsError
 from gcs.exports.electric_flight import UNITS as _ELECTRIC
-from gcs.exports.electric_flight import PowerBalance, balance_of, electric_figures
+from gcs.exports.electric_flight import LevelFlight, PowerBalance, balance_of, electric_figures
 from gcs.exports.exported import Exported
 from gcs.exports.samples import drawn
 from sim_vehicle.constants import GAS_CONSTANT, STANDARD_GRAVITY
@@ -238,15 +238,18 @@ def _electric(
     model: Exported, polar: _Polar, balance: PowerBalance, rho: float, luck: tuple[float, float], battery: float | None
 ) -> dict[str, _Figure]:
     """What level flight costs the battery: as `_figures`."""
-    CL, CD, alpha = polar.flown()
-    speed = np.sqrt(2.0 * polar.weight / (rho * polar.area * CL))
-    weight = model.vehicle.mass.mass * STANDARD_GRAVITY
-    found = electric_figures(balance, speed, CL, CD, weight, polar.area, rho, luck, battery)
+    speed = np.linspace(polar.speed[0], polar.speed[-1], _FINE)
+    CD, alpha = (PchipInterpolator(polar.speed, values)(speed) for values in (polar.CD, polar.alpha))
+    motor = model.vehicle.propulsion
+    drag = 0.5 * rho * speed**2 * polar.area * CD
+    thrust = drag / np.cos(alpha + (0.0 if motor is None else motor.inclination))
+    flown = model.vehicle.mass.mass * STANDARD_GRAVITY
+    found = electric_figures(balance, LevelFlight(speed, thrust, polar.weight, flown, rho), luck, battery)
     figures: dict[str, _Figure] = dict.fromkeys(_ELECTRIC, (_NO_DRAG, 0.0, 0.0))
     if battery is None:
         figures |= dict.fromkeys(("endurance", "range"), (_NO_BATTERY, 0.0, 0.0))
     for name, (value, at) in found.items():
-        beyond = _SLOW if at == CL.size - 1 else _FAST if at == 0 else ""
+        beyond = _SLOW if at == 0 else _FAST if at == speed.size - 1 else ""
         known = name == "drive_efficiency"
         figures[name] = (value if known else beyond or value, float(speed[at]), float(alpha[at]))
     return figures
@@ -382,7 +385,7 @@ def _curves(model: Exported, best: _Polar, others: list[_Polar], rho: float) -> 
     return rows
 
 
-_WORDS = {
+WORDS = {
     "best_glide_ratio": "best glide ratio", "best_glide_speed": "speed for best glide", "min_sink": "least sink",
     "min_sink_speed": "speed for least sink", "max_climb": "best climb", "max_climb_speed": "speed for best climb",
     "max_speed": "largest speed in level flight", "ceiling": "ceiling (climb of 0.5 m/s)",
@@ -402,13 +405,13 @@ def performance_text(found: Mapping[str, Any]) -> str:
     ]
     for name, entry in found["figures"].items():
         if "refused" in entry:
-            lines.append(f"  {_WORDS[name]:<32}{'-':>9}  {entry['refused']}")
+            lines.append(f"  {WORDS[name]:<32}{'-':>9}  {entry['refused']}")
             continue
         unit = "" if entry["unit"] == "1" else f" {entry['unit']}"
         ends = entry.get("interval")
         between = "" if ends is None else f"{ends[0]:.3g} … {ends[1]:.3g}{unit}"
         beyond = "  beyond what was flown" if entry["extrapolated"] else ""
-        lines.append(f"  {_WORDS[name]:<32}{entry['value']:>9.3g}  {between:<20}{beyond}".rstrip())
+        lines.append(f"  {WORDS[name]:<32}{entry['value']:>9.3g}  {between:<20}{beyond}".rstrip())
     lines += [
         "",
         f"  {'V, m/s':>7}{'alpha, deg':>12}{'CL':>8}{'CD':>9}{'drag, N':>10}{'power, W':>10}{'climb, m/s':>12}",

@@ -26,7 +26,7 @@ _UNACCEPTABLE = "Not acceptable, fly again"
 
 
 def report(result: Any, beside: Sequence[Any] = ()) -> str:
-    """One HTML document of a result of schema identification/1, discrepancy/1 or coast/1.
+    """One HTML document of a result of schema identification/1, discrepancy/1, coast/1 or performance/1.
 
     beside: results whose coefficients stand beside those of an identification. Raises ReportError for any other.
     """
@@ -35,6 +35,7 @@ def report(result: Any, beside: Sequence[Any] = ()) -> str:
         "identification/1": lambda one: _identification(one, beside),
         "discrepancy/1": _discrepancy,
         "coast/1": _coast,
+        "performance/1": _performance,
     }
     if beside:
         headings([result, *beside])
@@ -141,6 +142,23 @@ def _coast(result: Result) -> str:
         listing([text(line.strip()) for line in lines]),
         _warnings(result),
         *(element(one) for one in coast.every(result)),
+        section("How it was made", _made(result)),
+    )
+
+
+def _performance(result: Result) -> str:
+    from gcs.report import performance
+    from gcs.report.svg import element
+
+    at = f"{result['mass']:.4g} kg at {result['altitude']:.0f} m ({result['air_density']:.3f} kg/m³)"
+    battery = result.get("battery")
+    facts = {"Model": result["model"], "Flown with": at, "Battery": "" if battery is None else f"{battery:g} Wh"}
+    return document(
+        f"How it performs: {result['vehicle']}",
+        _definitions(facts),
+        _warnings(result),
+        performance.figures(result),
+        *(element(one) for one in performance.every(result)),
         section("How it was made", _made(result)),
     )
 

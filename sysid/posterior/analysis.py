@@ -46,7 +46,7 @@ from sysid.posterior.start_values import equation_error_starts, usual_starts
 from sysid.posterior.stated_priors import Stated, declared, of_aircraft, zero_stds
 from sysid.problem.model_structure import is_longitudinal, usual_size
 from sysid.signals.record import SURFACES
-from sysid.signals.thrust.electric import thrust_doubt
+from sysid.signals.thrust.electric import gain_doubt
 from sysid.signals.thrust.source import BATTERY, MOTORS
 
 # Standard deviation of a command, rad, below which it has excited nothing; and below which its surface stood still,
@@ -241,7 +241,7 @@ def estimate(
     moved, stirred = excited(parts), stirred_in(parts)
     doubts = [
         one
-        for one in doubts_of(vehicle, not any(part.thrust_from == "throttle" for part in parts))
+        for one in doubts_of(vehicle, {part.thrust_from for part in parts})
         # The product of inertia is estimated from the lateral motion, and the rest hardly goes with it.
         if (one.stated or systematic) and one.name != "Ixz_std"
     ]
@@ -367,7 +367,7 @@ def _thrust_prior(parts: Sequence[FlightPart], vehicle: Vehicle) -> dict[str, St
     if sources <= {"throttle", ""}:
         return {"thrust_error": (0.0, 0.0)}
     if BATTERY in sources and vehicle.propulsion is not None:
-        return {"thrust_error": (None, thrust_doubt(vehicle.propulsion))}
+        return {"thrust_error": (None, gain_doubt(vehicle.propulsion))}
     return {"thrust_error": (None, THRUST_BY_SPEED_STD)} if {"rpm", MOTORS} & sources else {}
 
 

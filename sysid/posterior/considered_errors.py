@@ -6,7 +6,7 @@ H^-1 J' S^-1 dy (consider analysis: Bierman, Factorization Methods for Discrete 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from functools import partial
 
@@ -15,6 +15,7 @@ from sim_vehicle.vehicle.vehicle_file import Vehicle, stronger
 from sysid.posterior.group_model import PerturbedInputs
 from sysid.problem.vehicle_errors import DENSITY, DENSITY_SHARE, doubts_of_mass, heavier, is_stated
 from sysid.signals.record import SURFACES
+from sysid.signals.thrust.source import BATTERY
 
 _OUTPUTS = {"accelerometer": ("ax", "ay", "az"), "gyro": ("p", "q", "r")}
 # Half as much inertia again is another aircraft, and so is a stall at another angle: the change of its motion is no
@@ -35,16 +36,18 @@ class ConsiderParameter:
     changed: Callable[[Vehicle], PerturbedInputs]
 
 
-def doubts_of(vehicle: Vehicle, thrust_measured: bool) -> tuple[ConsiderParameter, ...]:
-    """Doubts of a vehicle; thrust_measured: whether it was measured in the flight."""
+def doubts_of(vehicle: Vehicle, thrust: Collection[str]) -> tuple[ConsiderParameter, ...]:
+    """Doubts of a vehicle. thrust: the signals that gave it in the flights."""
     found = [_mass(name, change) for name, change in doubts_of_mass(vehicle).items()]
     found.append(ConsiderParameter(DENSITY, False, partial(PerturbedInputs, density=1.0 + DENSITY_SHARE / PARTS)))
     found += _linkages(vehicle)
     for name, outputs in _OUTPUTS.items():
         if std := vehicle.sensors[name].scale_std:
             found.append(_readings(f"{name}_scale", outputs, std))
-    if not thrust_measured and vehicle.propulsion is not None:
+    if "throttle" in thrust and vehicle.propulsion is not None:
         found.append(ConsiderParameter("thrust_5pct", False, _stronger))
+    if BATTERY in thrust:
+        found.append(ConsiderParameter("propeller_blades", True, partial(PerturbedInputs, blades=1.0 / PARTS)))
     return tuple(found)
 
 

@@ -23,7 +23,7 @@ from sysid.posterior.stated_priors import airspeed_lag
 from sysid.signals.flight import FlightSignals, finite
 from sysid.signals.record import SURFACES
 from sysid.signals.sensor_groups import ESSENTIAL, IMU
-from sysid.signals.thrust.electric import BY_BATTERY
+from sysid.signals.thrust.electric import BY_BATTERY, BY_BLADES
 from sysid.signals.thrust.source import BATTERY, MOTORS, behind_motor, dead_thrust, thrust_in_air
 
 # Step of the simulation, s; residuals are compared at no finer steps than the second.
@@ -54,6 +54,8 @@ class FlightPart:
     where it follows from the throttle; thrust_from: the signal that gives it, "" for none. rho: (N,) kg/m3. channels:
     measured outputs by name. common: grid of the residuals. rate_hz: of the slowest of its message, the gyros and the
     inputs. position: whether the log holds positions of the surfaces. messages: signal -> the message that carried it.
+    thrust_by_blades: (N,) N, change of a thrust by the battery's power with what the blades take, one standard
+    deviation; 0 of any other.
     """
 
     flight: str
@@ -69,6 +71,7 @@ class FlightPart:
     rate_hz: Mapping[str, float]
     position: bool
     messages: Mapping[str, str]
+    thrust_by_blades: Array | float = 0.0
 
     def highest_hz(self, output: str, whole: bool = False) -> float:
         """Frequency to which an output counts, in the usual band or in the whole."""
@@ -89,9 +92,11 @@ class FlightPart:
         """The part with every second point of its grid: slopes of what is simulated need no finer steps."""
         motion = {name: values[::2] for name, values in self.motion.items()}
         speed = replace(self.airspeed, values=self.airspeed.values[::2], by_lag=self.airspeed.by_lag[::2])
+        by_blades = self.thrust_by_blades if isinstance(self.thrust_by_blades, float) else self.thrust_by_blades[::2]
         return replace(
-            self, grid=self.grid[::2], motion=motion, airspeed=speed, thrust=self.thrust[::2], rho=self.rho[::2]
-        )
+            self, grid=self.grid[::2], motion=motion, airspeed=speed, thrust=self.thrust[::2], rho=self.rho[::2],
+            thrust_by_blades=by_blades,
+        )  # fmt: skip
 
     @property
     def command_interval_s(self) -> float:
@@ -252,7 +257,7 @@ def make_part(
             thrust, thrust_from = loads.thrust, MOTORS
     return FlightPart(
         signals.name, grid, inputs, motion, speed, thrust, thrust_from, rho, channels, common, rate_hz, position,
-        messages,
+        messages, _by_blades(signals, grid, (begin, end)) if thrust_from == BATTERY else 0.0,
     )  # fmt: skip
 
 
@@ -305,6 +310,10 @@ def _thrust(
     if propulsion.by_throttle and throttle.size >= 2:
         return np.full(grid.size, np.nan), "throttle"
     return np.zeros(grid.size), ""
+
+
+def _by_blades(signals: FlightSignals, grid: Array, span: tuple[float, float]) -> Array:
+    return _smooth(finite(signals, BY_BLADES, *span), grid, _HALF_S["thrust"])
 
 
 def _flow(

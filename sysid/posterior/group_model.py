@@ -88,13 +88,14 @@ class _Prepared:
 @dataclass(frozen=True)
 class PerturbedInputs:
     """What a model is given instead: vehicle; factors of density, flow, commands, readings; zeros of flow and of
-    commands, rad.
+    commands, rad; blades: standard deviations of what a propeller's blades take.
     """
 
     vehicle: Vehicle
     density: float = 1.0
     flow: float = 1.0
     flow_zero: float = 0.0
+    blades: float = 0.0
     gains: Mapping[str, float] = field(default_factory=dict)
     biases: Mapping[str, float] = field(default_factory=dict)
     readings: Mapping[str, float] = field(default_factory=dict)
@@ -178,7 +179,8 @@ class GroupModel:
         gain = np.array([by.readings.get(name, 1.0) for name in self.outputs])[:, None]
 
         def changed(one: _Prepared) -> _Prepared:
-            record = replace(one.record, rho=by.density * one.record.rho)
+            thrust = one.record.thrust + by.blades * one.part.thrust_by_blades
+            record = replace(one.record, rho=by.density * one.record.rho, thrust=thrust)
             return replace(one, record=record, measured=gain * one.measured)
 
         other._prepared = [changed(one) for one in self._prepared]

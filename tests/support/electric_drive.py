@@ -24,8 +24,9 @@ TABLES = {
 
 @dataclass(frozen=True)
 class Drive:
-    """propeller: of TABLES. kv: rad/s/V. resistance, no_load: of the motor, Ohm, A. controller: its efficiency.
-    charged, inner: open-circuit V and Ohm of the battery. falls: V/s. electronics: W beside the motor.
+    """propeller: of TABLES, `larger` times as large. kv: rad/s/V. resistance, no_load: of the motor, Ohm, A.
+    controller: its efficiency. charged, inner: open-circuit V and Ohm of the battery. falls: V/s. electronics: W beside
+    the motor.
     """
 
     propeller: str = "10x4.7"
@@ -37,16 +38,22 @@ class Drive:
     inner: float = 0.04
     falls: float = 0.002
     electronics: float = 3.0
+    larger: float = 1.0
 
     @property
     def diameter(self) -> float:
         """m."""
-        return TABLES[self.propeller][0]
+        return self.larger * TABLES[self.propeller][0]
+
+    @property
+    def pitch(self) -> float:
+        """As it is printed on the propeller, m."""
+        return self.larger * 4.7 * 0.0254
 
     def power(self, thrust: Array, airspeed: Array, rho: Array) -> Array:
         """W that the controller takes for a thrust, N, at an airspeed, m/s; straight beyond the tables' ends."""
-        diameter, rows = TABLES[self.propeller]
-        J, CT, CP = np.array(rows).T
+        diameter = self.diameter
+        J, CT, CP = np.array(TABLES[self.propeller][1]).T
         # T / (rho V^2 D^2) = CT / J^2 falls with J: the advance ratio by the thrust.
         fine = np.linspace(0.02, 0.69, 3000)
         ends = [np.interp(fine, J, one) + np.maximum(fine - J[-1], 0.0) * (one[-1] - one[-2]) / (J[-1] - J[-2])

@@ -6,7 +6,7 @@ A propeller of diameter D that turns n times a second gives in an airspeed V, wi
 
 P is what the shaft gives: what is left in the air behind the propeller (momentum theory: McCormick, Aerodynamics,
 Aeronautics, and Flight Mechanics, 2nd ed., 1995, section 6.3) and the drag of its blades. Without thrust it turns a
-little faster than its pitch p says, J0 = p / D + 0.2. Of the battery's U I the share `efficiency` gets to the shaft.
+little faster than its pitch p says, J0 = p / D + 0.15. Of the battery's U I the share `efficiency` gets to the shaft.
 """
 
 from __future__ import annotations
@@ -23,19 +23,22 @@ from sysid.arrays import Array
 from sysid.numerics.smoothing import fourier_smooth
 from sysid.signals.flight import FlightSignals, Signal, finite, repeats
 
-# Signals that say what the battery gives, V and A, and what follows from them: its power, W, and thrust, N.
+# Signals that say what the battery gives, V and A, and what follows from them: its power, W, thrust, N, and how that
+# changes where blades take more than they are taken to, N, one standard deviation.
 VOLTAGE, CURRENT = "battery_voltage", "battery_current"
-POWER, BY_BATTERY = "battery_power", "battery_thrust"
+POWER, BY_BATTERY, BY_BLADES = "battery_power", "battery_thrust", "battery_thrust_by_blades"
 LAW = "diameter and pitch"
 # Share of the battery's power that motor and controller give to the shaft, where it is not given, and its standard
 # deviation: motors of small aircraft give 0.7 to 0.88 of what they take, controllers 0.9 to 0.97.
 _USUAL, _USUAL_STD = 0.76, 0.08
 # Slope of the thrust over the advance ratio, advance ratio without thrust beyond pitch over diameter, and power of the
-# blades' drag: of two propellers in a wind tunnel, 10 x 4.7 and 11 x 4.7 inch, from J = 0.1 to 0.45 (University of
-# Illinois, Propeller Data Site, volume 1). What the law itself may be wrong by, a share of the thrust: those two and
-# the published 12 x 6 and 20 x 16 inch propellers of an Ultra Stick 25e and an Aerosonde scatter by so much.
-_SLOPE, _BEYOND_PITCH, _BLADES = 0.19, 0.20, 0.010
-_LAW_STD = 0.10
+# blades' drag, as they suit four propellers best: 10 x 4.7 and 11 x 4.7 inch in a wind tunnel from J = 0.1 to 0.45
+# (University of Illinois, Propeller Data Site, volume 1), and the published 12 x 6 and 20 x 16 inch ones of an Ultra
+# Stick 25e and an Aerosonde.
+_SLOPE, _BEYOND_PITCH, _BLADES = 0.157, 0.15, 0.0071
+# What the law may be wrong by: a share of the thrust, and one of the blades' power, of which there is the more of the
+# whole the nearer the propeller is to no thrust.
+_LAW_STD, _BLADES_STD = 0.08, 0.3
 # Throttle below which the propeller takes nothing, and what still flows is for the other electronics.
 AT_REST = 0.02
 # Share of the power's changes that a curve of the throttle must explain, so that power between its readings follows
@@ -54,18 +57,21 @@ def efficiency(propulsion: Propulsion) -> tuple[float, float]:
     return value, _USUAL_STD if propulsion.efficiency_std is None else propulsion.efficiency_std
 
 
-def thrust_doubt(propulsion: Propulsion) -> float:
-    """Share by which all of the thrust by the battery's power may be wrong, one standard deviation."""
+def gain_doubt(propulsion: Propulsion) -> float:
+    """Share by which all of a thrust by the battery's power may be wrong, one standard deviation, beside the blades."""
     value, std = efficiency(propulsion)
     return math.hypot(std / value, _LAW_STD)
 
 
 @dataclass(frozen=True)
 class PrintedPropeller:
-    """A propeller of which no more is known than is printed on it: diameter and pitch, m."""
+    """A propeller of which no more is known than is printed on it: diameter and pitch, m. blades: power of their drag
+    over rho n^3 D^5.
+    """
 
     diameter: float
     pitch: float
+    blades: float = _BLADES
 
     @property
     def _without_thrust(self) -> float:
@@ -76,7 +82,7 @@ class PrintedPropeller:
         square = self.diameter**2
         thrust = rho * square * _SLOPE * np.maximum(self._without_thrust * turning**2 - airspeed * turning, 0.0)
         induced = -0.5 * airspeed + np.sqrt(0.25 * airspeed**2 + thrust / (0.5 * np.pi * rho * square))
-        return thrust * (airspeed + induced) + _BLADES * rho * turning**3 * square, thrust
+        return thrust * (airspeed + induced) + self.blades * rho * turning**3 * square, thrust
 
     def thrust(self, power: Array, airspeed: Array, rho: Array) -> Array:
         """Thrust at a power of the shaft.
@@ -95,7 +101,7 @@ class PrintedPropeller:
         """
         slow = np.maximum(airspeed, 0.0)
         low = slow / self._without_thrust
-        high = np.maximum(low, np.cbrt(np.maximum(power, 0.0) / (_BLADES * rho * self.diameter**2)))
+        high = np.maximum(low, np.cbrt(np.maximum(power, 0.0) / (self.blades * rho * self.diameter**2)))
         for _ in range(_HALVINGS):
             middle = 0.5 * (low + high)
             more = self._power(middle, slow, rho)[0] < power
@@ -208,8 +214,11 @@ def _with_thrust(
     share = efficiency(motor)[0]
     shaped = _between_readings(signals, stamps, time_s, power, motor)
     thrust = propeller.thrust(share * shaped, airspeed, rho)
-    made = Signal(stamps, thrust, "N", signals.signals[POWER].source)
-    return replace(signals, signals={**signals.signals, BY_BATTERY: made})
+    rougher = replace(propeller, blades=(1.0 + _BLADES_STD) * propeller.blades)
+    by_blades = rougher.thrust(share * shaped, airspeed, rho) - thrust
+    source = signals.signals[POWER].source
+    made = {BY_BATTERY: Signal(stamps, thrust, "N", source), BY_BLADES: Signal(stamps, by_blades, "N", source)}
+    return replace(signals, signals={**signals.signals, **made})
 
 
 def _between_readings(signals: FlightSignals, stamps: Array, time_s: Array, power: Array, motor: Propulsion) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,7 +21,7 @@ from sysid.numerics.filters import first_order_lag
 from sysid.numerics.smoothing import fourier_smooth
 from sysid.signals.flight import FlightData, repeats
 from sysid.signals.thrust.denoising import Denoised, denoised_thrust
-from sysid.signals.thrust.electric import BY_BATTERY, LAW, thrust_doubt
+from sysid.signals.thrust.electric import BY_BATTERY, BY_BLADES, LAW, gain_doubt
 
 # Source of thrust where several motors have throttles of their own, and where the battery's power gives it.
 MOTORS, BATTERY = "motors", "battery power"
@@ -96,7 +97,9 @@ def thrust_source(data: FlightData, vehicle: Vehicle) -> ThrustSource:
     if propulsion is not None and vehicle.motors and _present(data, "motor_thrust"):
         return ThrustSource(MOTORS, propulsion.by_throttle)
     if propulsion is not None and _present(data, BY_BATTERY):
-        return ThrustSource(BATTERY, LAW, std=thrust_doubt(propulsion))
+        by_blades, whole = (float(np.nansum(data[name] ** 2)) for name in (BY_BLADES, BY_BATTERY))
+        std = math.hypot(gain_doubt(propulsion), math.sqrt(by_blades / whole) if whole > 0.0 else 1.0)
+        return ThrustSource(BATTERY, LAW, std=std)
     if propulsion is not None and propulsion.by_rpm and _present(data, "rpm"):
         return ThrustSource("rpm", propulsion.by_rpm)
     if propulsion is not None and propulsion.by_throttle and _present(data, "throttle"):
