@@ -118,7 +118,7 @@ CAMPAIGNS = {
     "performance": LongRun(
         "tests/campaign/performance.py",
         "whether the intervals of `gcs performance` hold: glide, sink, endurance and range of a battery",
-        "42 flights, 8 min; what is there is kept",
+        "36 flights, 9 min; what is there is kept",
         {"FAMILIES": "", "SEEDS": "", "FIRST": ""},
         hint="less of it: FAMILIES=aerosonde SEEDS=2; FIRST=100: other flights",
     ),

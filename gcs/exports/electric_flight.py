@@ -17,7 +17,7 @@ UNITS = {
     "min_energy_speed": "m/s", "endurance": "min", "range": "km",
 }  # fmt: skip
 # Windows of a power balance that say how well it is known.
-_FEWEST = 4
+_FEWEST = 20
 # Standard deviation of the change of the efficiency with the logarithm of the airspeed, with the propeller's print and
 # without: measured propellers leave so much to the law of the former, and the latter has none.
 _SHAPE_STD, _SHAPELESS_STD = 0.15, 0.5
@@ -80,7 +80,7 @@ def balance_of(found: Mapping[str, Any] | None, propeller: PrintedPropeller | No
         return "the battery was not read: have the board log its voltage and current"
     windows: Sequence[Mapping[str, float]] = found["windows"]
     if len(windows) < _FEWEST:
-        return f"the battery was read in {len(windows)} steady windows of 3 s with power: it takes {_FEWEST} at least"
+        return f"the battery was read in {len(windows)} steady half seconds with power: it takes {_FEWEST} at least"
     columns = {
         key: np.array([float(one[key]) for one in windows])
         for key in ("airspeed", "air_density", "load", "power", "gained")

@@ -8,6 +8,7 @@ what level flight costs the battery.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -18,11 +19,12 @@ from sysid.signal_check.dead_thrust import height_of
 from sysid.signals.preparation import Prepared, Stretch
 from sysid.signals.thrust.electric import AT_REST, POWER
 
-# Windows, s: long enough for a barometer, short beside what a pilot changes. Banked or pulled by more they are none.
-_WINDOW_S, _MOST_BANK, _LOADS = 3.0, 0.5, (0.7, 1.4)
-# Fewest readings of the battery in a window, share of the largest power that counts as flight with power, and the most
-# windows that a result keeps.
-_FEWEST, _LEAST_SHARE, _MOST = 2, 0.1, 200
+# Windows, s: drag at the mean airspeed and load is less than the mean drag, the more of it they change within one. What
+# a barometer's noise makes of the height that is gained in so short a time has mean zero. Banked or pulled by more they
+# are none.
+_WINDOW_S, _MOST_BANK, _LOADS = 0.5, 0.5, (0.75, 1.3)
+# Share of the largest power that counts as flight with power, and the most windows that a result keeps.
+_LEAST_SHARE, _MOST = 0.1, 400
 
 
 def power_balance(flights: Sequence[Prepared]) -> dict[str, Any] | None:
@@ -63,21 +65,27 @@ def _windows(flight: Prepared, stretch: Stretch) -> Iterator[dict[str, float]]:
         return
     speed = data["airspeed"] * flight.layout.airspeed_factor
     energy = height + speed**2 / (2.0 * STANDARD_GRAVITY)
-    size = round(_WINDOW_S / data.interval_s)
+    size = max(round(_WINDOW_S / data.interval_s), 3)
+    read = np.isfinite(data[POWER])
+    if not read.any():
+        return
+    given = np.interp(data.time_s, data.time_s[read], data[POWER][read])
     for begin in range(0, data.time_s.size - size + 1, size):
         inside = slice(begin, begin + size)
-        time_s, power = data.time_s[inside], data[POWER][inside]
+        time_s, power = data.time_s[inside], given[inside]
         known = np.isfinite(energy[inside])
-        bank = float(np.nanmax(np.abs(data["phi"][inside]))) if "phi" in data else 0.0
-        load = float(-np.nanmean(data["az"][inside])) / STANDARD_GRAVITY if "az" in data else 1.0
-        if np.count_nonzero(np.isfinite(power)) < _FEWEST or np.count_nonzero(known) < 0.5 * size:
+        banks = np.abs(data["phi"][inside]) if "phi" in data else np.zeros(size)
+        bank = float(np.nanmax(banks))
+        felt = float(-np.nanmean(data["az"][inside])) / STANDARD_GRAVITY if "az" in data else 1.0
+        if np.count_nonzero(known) < 0.5 * size:
             continue
-        if not (bank < _MOST_BANK and _LOADS[0] < load < _LOADS[1]):
+        if not (bank < _MOST_BANK and _LOADS[0] < felt < _LOADS[1]):
             continue
         yield {
             "airspeed": float(np.nanmean(speed[inside])),
             "air_density": float(np.mean(stretch.record.rho)),
-            "load": load,
-            "power": float(np.nanmean(power)),
+            # As the turn asks for: an accelerometer's zero would count as weight.
+            "load": 1.0 / math.cos(float(np.nanmean(banks))),
+            "power": float(np.mean(power)),
             "gained": float(np.polyfit(time_s[known], energy[inside][known], 1)[0]),
         }

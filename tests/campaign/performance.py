@@ -38,10 +38,7 @@ from sysid.identify import identify
 
 # How large the propeller is beside those of the wind tunnel, the motor's speed by voltage, rad/s/V, and the battery, V.
 DRIVES = {"iitb-mav": (1.0, 100.0, 12.3), "aerosonde": (2.0, 25.0, 33.0), "ultrastick25e": (1.25, 70.0, 16.4)}
-PLANS = (
-    "multisine,throttle-step,deceleration",
-    "elevator-3211,throttle-step,aileron-doublet,rudder-doublet,deceleration",
-)
+PLANS = ("multisine,throttle-step", "elevator-3211,throttle-step,aileron-doublet,rudder-doublet,cruise")
 # Share of the usual airspeed at which they are flown, so that best glide is within the speeds that the sheet looks at.
 SLOWER = {"iitb-mav": 0.85, "aerosonde": 0.8, "ultrastick25e": 0.75}
 GLIDE = ("best_glide_ratio", "best_glide_speed", "min_sink", "min_sink_speed")
@@ -141,4 +138,4 @@ def report(lines: Sequence[Line]) -> None:
 
 
 if __name__ == "__main__":
-    resumable("performance", __doc__, tuple(DRIVES), 14, fly, report)
+    resumable("performance", __doc__, tuple(DRIVES), 12, fly, report)

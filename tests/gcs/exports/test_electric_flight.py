@@ -47,7 +47,7 @@ def windows(share: float, rest: float, scatter: float = 0.0) -> dict[str, object
         drag = pressure * (0.03 + 0.06 * (load * WEIGHT / pressure) ** 2)
         power = (drag * speed + WEIGHT * gained) / share * (1.0 + scatter * g.standard_normal()) + rest
         found.append({"airspeed": speed, "air_density": RHO, "load": load, "power": power, "gained": gained})
-    return {"rest": rest, "windows": found}
+    return {"rest": rest, "windows": 4 * found}
 
 
 def test_least_power_and_least_energy_are_those_of_the_textbook() -> None:
@@ -89,7 +89,7 @@ def test_with_another_mass_in_thinner_air_the_efficiency_stays() -> None:
 
 
 @pytest.mark.parametrize(("found", "words"), [
-    (None, "log its voltage and current"), ({"rest": 0.0, "windows": []}, "in 0 steady windows"),
+    (None, "log its voltage and current"), ({"rest": 0.0, "windows": []}, "in 0 steady half seconds"),
 ])  # fmt: skip
 def test_without_a_balance_nothing_is_said(found: dict[str, object] | None, words: str) -> None:
     said = balance_of(found, None)
