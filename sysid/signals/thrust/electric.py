@@ -229,7 +229,8 @@ def _between_readings(signals: FlightSignals, stamps: Array, time_s: Array, powe
     read, asked = (_held(signals, "throttle", one - motor.tau) for one in (time_s, stamps))
     good = np.isfinite(read)
     if np.count_nonzero(good) >= _FEWEST and float(np.ptp(read[good])) > _THROTTLE_MOVED:
-        curve = np.polynomial.Polynomial.fit(read[good], power[good], _DEGREE)
+        levels = np.unique(np.round(read[good], 2)).size
+        curve = np.polynomial.Polynomial.fit(read[good], power[good], min(_DEGREE, levels - 1))
         rest = power[good] - curve(read[good])
         if float(np.var(rest)) < (1.0 - _EXPLAINED) * float(np.var(power[good])):
             shape = curve(np.clip(asked, float(np.min(read[good])), float(np.max(read[good]))))
