@@ -20,6 +20,7 @@ from gcs.exports.electric_flight import UNITS as _ELECTRIC
 from gcs.exports.electric_flight import LevelFlight, PowerBalance, balance_of, electric_figures
 from gcs.exports.exported import Exported
 from gcs.exports.samples import drawn
+from gcs.text.performance_words import WORDS
 from sim_vehicle.constants import GAS_CONSTANT, STANDARD_GRAVITY
 from sim_vehicle.errors import SimVehicleError
 from sim_vehicle.flight.plant import Plant
@@ -383,17 +384,6 @@ def _curves(model: Exported, best: _Polar, others: list[_Polar], rho: float) -> 
             }  # fmt: skip
         rows.append(row)
     return rows
-
-
-WORDS = {
-    "best_glide_ratio": "best glide ratio", "best_glide_speed": "speed for best glide", "min_sink": "least sink",
-    "min_sink_speed": "speed for least sink", "max_climb": "best climb", "max_climb_speed": "speed for best climb",
-    "max_speed": "largest speed in level flight", "ceiling": "ceiling (climb of 0.5 m/s)",
-    "min_turn_radius": "tightest level turn, radius", "stall_speed": "stall speed, level",
-    "drive_efficiency": "of the battery's power at the shaft", "min_battery_power": "least power of the battery",
-    "min_battery_power_speed": "speed for the longest flight", "min_energy_per_km": "least energy, still air",
-    "min_energy_speed": "speed for the farthest flight", "endurance": "longest flight", "range": "farthest, still air",
-}  # fmt: skip
 
 
 def performance_text(found: Mapping[str, Any]) -> str:

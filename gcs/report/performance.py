@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from gcs.exports.performance import WORDS
 from gcs.report.markup import NONE, number, table, text
 from gcs.report.svg import LIMIT, MEASURED, PREDICTED, Drawing
+from gcs.text.performance_words import WORDS
 
 Result = Mapping[str, Any]
 
