@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from gcs.errors import SettingsError
 from sysid.arrays import Array
 from sysid.signals.thrust.electric import PrintedPropeller
 
@@ -75,9 +76,19 @@ class LevelFlight:
 
 
 def balance_of(found: Mapping[str, Any] | None, propeller: PrintedPropeller | None) -> PowerBalance | str:
-    """That of a result's `battery`, or why there is none."""
+    """That of a result's `battery`, or why there is none. Raises SettingsError for what holds not what it should."""
     if not found:
         return "the battery was not read: have the board log its voltage and current"
+    try:
+        return _balance(found, propeller)
+    except (KeyError, TypeError, ValueError) as error:
+        raise SettingsError(
+            f"the result's battery does not hold what it should ({type(error).__name__}: {error}): make it again with"
+            " gcs identify"
+        ) from error
+
+
+def _balance(found: Mapping[str, Any], propeller: PrintedPropeller | None) -> PowerBalance | str:
     windows: Sequence[Mapping[str, float]] = found["windows"]
     if len(windows) < _FEWEST:
         return f"the battery was read in {len(windows)} steady half seconds with power: it takes {_FEWEST} at least"

@@ -12,6 +12,7 @@ from electric_drive import Drive, with_battery
 from simulated import fly_mav
 
 from gcs.cli import main
+from gcs.errors import SettingsError
 from gcs.exports.electric_flight import LevelFlight, balance_of, electric_figures
 from gcs.text.jsontext import dumps
 from sim_vehicle.model.model_file import read_model
@@ -95,6 +96,11 @@ def test_without_a_balance_nothing_is_said(found: dict[str, object] | None, word
     said = balance_of(found, None)
     assert isinstance(said, str)
     assert words in said
+
+
+def test_a_balance_that_is_none_is_refused_in_a_line() -> None:
+    with pytest.raises(SettingsError, match="make it again with gcs identify"):
+        balance_of({"rest": 0.0, "windows": 30 * [{"airspeed": 12.0}]}, None)
 
 
 @pytest.mark.whole_flight
