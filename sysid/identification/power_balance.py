@@ -75,11 +75,10 @@ def _windows(flight: Prepared, stretch: Stretch) -> Iterator[dict[str, float]]:
         time_s, power = data.time_s[inside], given[inside]
         known = np.isfinite(energy[inside])
         banks = np.abs(data["phi"][inside]) if "phi" in data else np.zeros(size)
-        bank = float(np.nanmax(banks))
-        felt = float(-np.nanmean(data["az"][inside])) / STANDARD_GRAVITY if "az" in data else 1.0
-        if np.count_nonzero(known) < 0.5 * size:
+        felt = -data["az"][inside] / STANDARD_GRAVITY if "az" in data else np.ones(size)
+        if np.count_nonzero(known) < 0.5 * size or not np.isfinite(banks).any() or not np.isfinite(felt).any():
             continue
-        if not (bank < _MOST_BANK and _LOADS[0] < felt < _LOADS[1]):
+        if not (np.nanmax(banks) < _MOST_BANK and _LOADS[0] < np.nanmean(felt) < _LOADS[1]):
             continue
         yield {
             "airspeed": float(np.nanmean(speed[inside])),

@@ -16,7 +16,7 @@ from sim_vehicle.vehicle.vehicle_file import Vehicle
 from sysid.arrays import Array
 from sysid.errors import SignalError
 from sysid.numerics.normal_equations import inverse
-from sysid.signals.flight import FlightSignals, Signal, at_stamps, finite, repeats
+from sysid.signals.flight import FlightSignals, Signal, finite, repeats
 
 BY_GPS = "GPS velocity, wind and accelerometers"
 # Grid on which speeds are put together, s, and the frequency below which GPS is believed, above it accelerometers, Hz.
@@ -99,13 +99,21 @@ def _grid(signals: FlightSignals) -> Array:
     return np.arange(begin, end, _STEP_S) if end - begin > 1.0 / _CROSSING_HZ / 4.0 else np.empty(0)
 
 
+def _at(signals: FlightSignals, name: str, time_s: Array, otherwise: float = 0.0) -> Array:
+    stamps, values = finite(signals, name)
+    if values.size < 2 or repeats(values):
+        return np.full(time_s.size, otherwise)
+    values = np.unwrap(values) if name in ("phi", "psi") else values
+    return np.asarray(np.interp(time_s, stamps, values))
+
+
 def _density(signals: FlightSignals, time_s: Array, vehicle: Vehicle) -> Array:
-    return at_stamps(signals, "air_density", time_s, vehicle.environment.air_density or SEA_LEVEL_DENSITY)
+    return _at(signals, "air_density", time_s, vehicle.environment.air_density or SEA_LEVEL_DENSITY)
 
 
 def _speed_changes(signals: FlightSignals, time_s: Array, vehicle: Vehicle) -> Array:
     """(N,) m/s, changes of airspeed faster than `_CROSSING_HZ` by what the accelerometers feel along the path."""
-    ax, ay, az, phi, theta, alpha, beta = (at_stamps(signals, name, time_s) for name in (*_NEEDED, "alpha", "beta"))
+    ax, ay, az, phi, theta, alpha, beta = (_at(signals, name, time_s) for name in (*_NEEDED, "alpha", "beta"))
     g = vehicle.environment.gravity
     along = (ax - g * np.sin(theta)) * np.cos(alpha) * np.cos(beta)
     along += (ay + g * np.cos(theta) * np.sin(phi)) * np.sin(beta)
@@ -127,8 +135,8 @@ def _speed_by_gps(signals: FlightSignals, time_s: Array) -> tuple[Array, float] 
     """(N,) m/s, the airspeed's slow part by the velocity over ground less the wind, and its standard deviation, m/s."""
     if any(finite(signals, name)[0].size < 2 for name in ("vn", "ve", "psi")):
         return None
-    north, east = (at_stamps(signals, name, time_s) for name in ("vn", "ve"))
-    theta, psi, beta = (at_stamps(signals, name, time_s) for name in ("theta", "psi", "beta"))
+    north, east = (_at(signals, name, time_s) for name in ("vn", "ve"))
+    theta, psi, beta = (_at(signals, name, time_s) for name in ("theta", "psi", "beta"))
     level, course = np.cos(theta), psi + beta
     dn, de = np.cos(course), np.sin(course)
     fast = np.hypot(north, east) > _LEAST_SPEED

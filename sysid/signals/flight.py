@@ -175,32 +175,6 @@ def finite(signals: FlightSignals, name: str, begin: float = -np.inf, end: float
     return time_s[later], values[later]
 
 
-def at_stamps(signals: FlightSignals, name: str, time_s: Array, otherwise: float = 0.0) -> Array:
-    """A signal at other stamps, between its own by straight lines.
-
-    Parameters
-    ----------
-    signals : FlightSignals
-        A flight.
-    name : str
-        The signal; phi and psi are unwrapped.
-    time_s : Array, shape (N,)
-        Stamps, s.
-    otherwise : float
-        What stands for a signal that is missing or repeats one value.
-
-    Returns
-    -------
-    Array, shape (N,)
-        In the signal's unit.
-    """
-    stamps, values = finite(signals, name)
-    if values.size < 2 or repeats(values):
-        return np.full(time_s.size, otherwise)
-    values = np.unwrap(values) if name in ("phi", "psi") else values
-    return np.asarray(np.interp(time_s, stamps, values))
-
-
 @dataclass(frozen=True)
 class FlightData:
     """One flight on one uniform time base.
